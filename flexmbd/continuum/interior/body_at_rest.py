@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,7 +10,6 @@ from numpy.typing import NDArray
 
 from flexmbd.continuum.finite_elements.interface import AveragedInterface
 from flexmbd.continuum.history.nonlinear_model import NonlinearModel
-from flexmbd.continuum.interior.implicit_contacts import ImplicitContacts
 from flexmbd.continuum.interior.linear_interior import linear_equations
 from flexmbd.continuum.interior.loads_in_motion import LoadsInMotion
 from flexmbd.continuum.interior.nodal_solution import NodalSolution
@@ -87,8 +87,8 @@ def linear_at_rest(
     )
 
 
-def refuse_restless(body: NonlinearModel, contacts: ImplicitContacts) -> None:
-    """Refuse bodies whose state at rest is not found. Not collective.
+def refuse_restless(body: NonlinearModel, contacts: Sequence[str]) -> None:
+    """Refuse bodies whose state at rest is not found; contacts: names of theirs. Not collective.
 
     Raises:
         SceneError: it has averaged interfaces alone, touches something, or its stress depends on rates.
@@ -98,9 +98,9 @@ def refuse_restless(body: NonlinearModel, contacts: ImplicitContacts) -> None:
             "it has averaged interfaces alone, which hold no node, and at rest no inertia holds it: its "
             "equilibrium is found only with a rigid interface (Coupling.RIGID)"
         )
-    if contacts.touches:
+    if contacts:
         raise SceneError(
-            f"its surface touches something (contact {contacts.touches[0].name!r}): its state at rest is not "
+            f"its surface touches something (contact {contacts[0]!r}): its state at rest is not "
             "searched for with contacts yet, nor is it linearised with them. Let it come to rest in a simulation"
         )
     if body.is_rate_dependent:

@@ -1,4 +1,4 @@
-"""One Newton iteration of a body's nodes within each of the machine's, condensed to the frames.
+"""One Newton iteration of the nodes of a body, or of several that touch, within each of the machine's.
 
 With the nodes y and the frames' motion X the residual r(y, X) of the nodes and the wrenches w(y, X) are linearised
 together, and the nodes eliminated,
@@ -6,6 +6,7 @@ together, and the nodes eliminated,
     dy = -A^-1 (r + r_X dX),    w + (w_X - w_y A^-1 r_X) dX - w_y A^-1 r,    A = r_y,
 
 so that what is out of balance in the body goes into the wrenches that the machine sees, and both converge as one.
+Bodies that touch each other have one A: their own ones, and what their contacts add.
 
 The factor of A and what was condensed with it are kept in body axes, for the next iterations and the next steps, as
 long as the corrections fall: a step in which nothing changes but a linear response costs no new tangent.
@@ -13,21 +14,24 @@ long as the corrections fall: a step in which nothing changes but a linear respo
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from petsc4py import PETSc
 
 import numpy as np
+import scipy.linalg
 from numpy.typing import NDArray
 
 from flexmbd.continuation.line_search import ShareTrial, by_work, searched
 from flexmbd.continuum.history.displacement_newton import NO_FORCES, TRIALS, WORK_RATIO, LinearConstraints
-from flexmbd.continuum.history.nonlinear_model import NonlinearModel
-from flexmbd.continuum.history.tangent_solver import LinearSolver, TangentSolver
-from flexmbd.continuum.interior.frame_response import Condensation
-from flexmbd.continuum.interior.further_unknowns import kinds_of_unknowns
-from flexmbd.continuum.interior.step_equations import StepEquations
-from flexmbd.continuum.matrices.blocks import inner
+from flexmbd.continuum.history.tangent_solver import LinearSolver
+from flexmbd.continuum.interior.condensed_part import CondensedPart, Trial
+from flexmbd.continuum.interior.facing_contacts import FacingContacts, FacingForces
+from flexmbd.continuum.interior.frame_response import FrameColumns
+from flexmbd.continuum.interior.joined_unknowns import CoupledFactor, JoinedFactor, JoinedUnknowns, OwnFactor
+from flexmbd.continuum.interior.touched_nodes import TouchedNodes
+from flexmbd.continuum.matrices.blocks import inner, multiply
 from flexmbd.multibody.bodies.continuum_body import FrameMotion
 
 FloatArray = NDArray[np.float64]
@@ -39,9 +43,6 @@ _SLOW = 0.25
 #: The size of a correction whose forces are not evaluated yet.
 _UNKNOWN = 1.0
 
-#: A trial displacement, (local dofs,) m; the constraints there; the forces; and what of them is out of balance.
-_Found = tuple[FloatArray, LinearConstraints | None, FloatArray, FloatArray]
-
 
 @dataclass(frozen=True, eq=False)
 class _KeptTangent:
@@ -49,8 +50,8 @@ class _KeptTangent:
 
     Attributes:
         per_x: s^2, of the step that it was made for.
-        slopes: (6 k, 6 k) of the wrenches by the frames' motions.
-        fields: (6 k, owned dofs) m, displacement of the nodes, and further unknowns, by a unit motion of each frame.
+        slopes: (c, c) of the wrenches by the frames' motions.
+        fields: (c, owned dofs) m, displacement of the nodes, and further unknowns, by a unit motion of each frame.
     """
 
     per_x: float
@@ -59,65 +60,82 @@ class _KeptTangent:
 
 
 @dataclass(frozen=True, eq=False)
+class _Found:
+    """A place that is tried.
+
+    Attributes:
+        increments: (local dofs,) m, of each body.
+        constraints: of all bodies there.
+        balance: (owned dofs,) N, the residual.
+        left: what of it is out of balance.
+        facing: contacts of the bodies with each other there.
+    """
+
+    increments: list[FloatArray]
+    constraints: LinearConstraints | None
+    balance: FloatArray
+    left: FloatArray
+    facing: FacingForces
+
+
+@dataclass(frozen=True, eq=False)
 class _Iterate:
     """Nodes after an iteration.
 
     Attributes:
-        increment: (local dofs,) m, displacement since the last accepted step, at which the forces were evaluated.
-        change: (owned dofs,) m, its correction.
+        increments: (local dofs,) m, of each body: displacement since the last accepted step, at which the forces were
+            evaluated.
+        change: (owned dofs,) m, their correction.
         work: J, of what was out of balance on the correction.
-        motion: of the frames that it was corrected for.
+        motions: of each body's frames that it was corrected for.
         correction: J^(1/2), the energy norm of the correction; infinite before the first.
         first: J^(1/2), of the first iteration of the step.
     """
 
-    increment: FloatArray
+    increments: list[FloatArray]
     change: FloatArray
     work: float
-    motion: FrameMotion
+    motions: list[FrameMotion]
     correction: float
     first: float
 
 
 @dataclass(frozen=True, eq=False)
 class Condensed:
-    """The frames' wrenches as the linearised body has them.
+    """The frames' wrenches as the linearised bodies have them.
 
     Attributes:
-        wrenches: (k, 6) on them.
-        slopes: (6 k, 6 k) their derivative, as `ImplicitInterior.trial` has it.
-        correction: how far the nodes are from balance: the energy norm of Newton's correction over what the body holds.
-        increment: (local dofs,) m, at which the forces were evaluated.
+        wrenches: of each body (k, 6) on its frames and those of shapes that it touches.
+        slopes: (c, c) the derivative of all of them, as `ImplicitInterior.trial` has it.
+        correction: how far the nodes are from balance: the energy norm of Newton's correction over what bodies hold.
+        increments: (local dofs,) m, of each body, at which the forces were evaluated.
+        facing: contacts of the bodies with each other there.
     """
 
-    wrenches: FloatArray
+    wrenches: list[FloatArray]
     slopes: FloatArray
     correction: float
-    increment: FloatArray
+    increments: list[FloatArray]
+    facing: FacingForces
 
 
 class CondensedNewton:
-    """Newton's iteration of a body's nodes, step after step."""
+    """Newton's iteration of bodies' nodes, step after step."""
 
-    def __init__(
-        self, body: NonlinearModel, frames: Condensation, prescribed: NDArray[np.int32], solver: LinearSolver
-    ) -> None:
+    def __init__(self, parts: Sequence[CondensedPart], solver: LinearSolver, facing: FacingContacts) -> None:
         """Nothing is computed yet.
 
         Args:
-            body: the body.
-            frames: with its bonds, averages and mass.
-            prescribed: owned dofs that move with rigid frames, or never.
-            solver: of the linear systems.
+            parts: the bodies.
+            solver: of the linear systems of one body; those of several have a factor of their own.
+            facing: contacts of several with each other.
         """
-        self._body, self._frames, self._prescribed = body, frames, prescribed
-        self._bonds, self._averages = frames.bonds, frames.averages
-        self._linear = TangentSolver(body, prescribed, solver)
-        self._held = self._bonds.nodes[~self._bonds.averaged]
-        self._parts = kinds_of_unknowns(body)
-        self._tangent: PETSc.Mat = PETSc.Mat()  # with its rows of nodes on frames; no handle before the first
-        self._vector = body.vector()
-        self._responses: FloatArray = np.zeros((body.n_owned, 0))  # displacement by unit forces along the constraints
+        self._parts, self._facing, self._comm = tuple(parts), facing, parts[0].body.comm
+        self._unknowns = unknowns = JoinedUnknowns(parts)
+        alone = len(parts) == 1
+        self._linear: JoinedFactor = OwnFactor(parts[0], solver) if alone else CoupledFactor(parts, unknowns)
+        self._responses: FloatArray = np.zeros((unknowns.size, 0))  # displacement by unit forces along constraints
+        self._coupling: PETSc.Mat | None = None  # of the last tangent
         self._kept: _KeptTangent | None = None
         self._last: _Iterate | None = None
 
@@ -128,17 +146,14 @@ class CondensedNewton:
     def discard(self) -> None:
         """Forget everything, as at a checkpoint."""
         self._last = self._kept = None
-        self._linear.discard_preconditioner()
+        self._linear.discard()
 
-    def iterate(
-        self, equations: StepEquations, motion: FrameMotion, *, energy: float, tolerance: float, renew: bool
-    ) -> Condensed:
+    def iterate(self, trials: Sequence[Trial], *, energy: float, tolerance: float, renew: bool) -> Condensed:
         """Go to a motion of the frames, linearise there. Collective.
 
         Args:
-            equations: of the step's end, with these frames.
-            motion: of the frames.
-            energy: J, what the body holds, the measure of corrections; where it is none the step's first is.
+            trials: of the bodies: the equations of the step's end, with their frames.
+            energy: J, what the bodies hold, the measure of corrections; where it is none the step's first is.
             tolerance: a correction that is smaller needs no tangent of its own.
             renew: whether the tangent shall be made anew.
 
@@ -147,229 +162,256 @@ class CondensedNewton:
         """
         last = self._last
         if last is None:
-            return self._predict(equations, motion, renew=renew)
-        increment, constraints, balance, left = self._search(equations, motion, last)
-        fresh = renew or self._kept is None or self._kept.per_x != equations.step.per_x
+            return self._predict(trials, renew=renew)
+        found, per_x = self._search(trials, last), trials[0].equations.step.per_x
+        fresh = renew or self._kept is None or self._kept.per_x != per_x
         if fresh:
-            self._factor(equations.tangent(increment), constraints)
-        change, forces, norm = self._correction(left, constraints)
+            self._factor(trials, found)
+        change, forces, norm = self._correction(found)
         size = _relative(norm, energy, last.first)
         if not fresh and size > tolerance and norm > _SLOW * last.correction:
             fresh = True
-            self._factor(equations.tangent(increment), constraints)
-            change, forces, norm = self._correction(left, constraints)
+            self._factor(trials, found)
+            change, forces, norm = self._correction(found)
             size = _relative(norm, energy, last.first)
-        if size > tolerance and self._body.norm(left) <= equations.step.round_off:
-            size = 0.0
-        residual = balance + forces
-        wrenches, slopes = self._response(equations, motion, increment, change, residual, fresh=fresh)
-        work = float(self._bonds.total(np.array(change @ left)))
-        self._last = _Iterate(increment, change, work, motion, norm, last.first)
-        return Condensed(wrenches, slopes, size, increment)
+        if size > tolerance:
+            sizes = zip(self._parts, self._unknowns.split(found.left), strict=True)
+            most = float(np.linalg.norm([one.equations.step.round_off for one in trials]))
+            if float(np.linalg.norm([part.body.norm(left) for part, left in sizes])) <= most:
+                size = 0.0
+        wrenches, slopes = self._response(trials, found, change, found.balance + forces, fresh=fresh)
+        work = self._total(float(change @ found.left))
+        motions = [one.motion for one in trials]
+        self._last = _Iterate(found.increments, change, work, motions, norm, last.first)
+        return Condensed(wrenches, slopes, size, found.increments, found.facing)
 
-    def _predict(self, equations: StepEquations, motion: FrameMotion, *, renew: bool) -> Condensed:
-        """The first iteration: linear from the last accepted state, in which no material is led astray. Collective."""
-        body, kept = self._body, self._kept
-        increment = np.zeros(body.layout.n_local)
-        places = equations.axes.increment(self._bonds.positions(motion), self._bonds.nodes)
-        constraints = self._averages.constraints(motion, equations.axes.R, displacement=places)
-        balance = equations.residual(increment)
-        fresh = renew or kept is None or kept.per_x != equations.step.per_x
-        if fresh:
-            self._factor(self._begun_tangent(equations, increment), constraints)
-        # held nodes go with their frames, whose accelerations they have
-        jump = np.zeros_like(body.layout.node_x)
-        jump[self._held] = places[~self._bonds.averaged]
-        jumped = body.layout.at_dofs(jump[: body.layout.n_owned_nodes], owned=True)
-        own = self._bonds.turns.own
-        jumped[self._bonds.turns.dofs[own]] = self._turned(equations, motion)[own]
-        inertia = body.layout.at_dofs(self._frames.product(jump), owned=True) / equations.step.per_x
+    def _predict(self, trials: Sequence[Trial], *, renew: bool) -> Condensed:
+        """The first iteration: linear from the last accepted state. Collective."""
+        kept, parts, per_x = self._kept, self._parts, trials[0].equations.step.per_x
+        begun = [part.begun(one) for part, one in zip(parts, trials, strict=True)]
+        increments = [np.zeros(part.body.layout.n_local) for part in parts]
+        balance, facing = self._residual(trials, increments)
+        constraints = self._unknowns.constraints([found for *_, found in begun])
+        found = _Found(increments, constraints, balance, balance, facing)
+        fresh = renew or kept is None or kept.per_x != per_x
+        if fresh and kept is not None:
+            self._factor(trials, found, [part.begun_tangent(per_x, kept.per_x) for part in parts])
+        elif fresh:
+            self._factor(trials, found)
+        jumped, inertia = (np.concatenate(several) for several in list(zip(*begun, strict=True))[:2])
         residual = balance + self._product(jumped) - inertia
-        left = self._without_constraint_forces(residual, constraints)
-        change, forces, norm = self._correction(left, constraints)
+        left = self._without_constraint_forces(residual, [found for *_, found in begun])
+        found = _Found(increments, constraints, residual, left, facing)
+        change, forces, norm = self._correction(found)
         change, residual = change + jumped, residual + forces
-        wrenches, slopes = self._response(equations, motion, increment, change, residual, fresh=fresh)
-        self._last = _Iterate(increment, change, 0.0, motion, norm, norm)
-        return Condensed(wrenches, slopes, _UNKNOWN, increment)
+        wrenches, slopes = self._response(trials, found, change, residual, fresh=fresh)
+        self._last = _Iterate(increments, change, 0.0, [one.motion for one in trials], norm, norm)
+        return Condensed(wrenches, slopes, _UNKNOWN, increments, facing)
 
-    def _begun_tangent(self, equations: StepEquations, increment: FloatArray) -> PETSc.Mat:
-        """The tangent to begin a step of another length with: the stiffness as it was. Collective."""
-        if self._kept is None:
-            return equations.tangent(increment)
-        matrix = self._tangent.copy()
-        change = 1.0 / equations.step.per_x - 1.0 / self._kept.per_x
-        matrix.axpy(change, self._frames.mass, PETSc.Mat.Structure.SUBSET_NONZERO_PATTERN)
-        return matrix
+    def _residual(self, trials: Sequence[Trial], increments: list[FloatArray]) -> tuple[FloatArray, FacingForces]:
+        """(owned dofs,) N at increments (local dofs,) m of each body, and the contacts there. Collective."""
+        residuals = [one.equations.residual(y) for one, y in zip(trials, increments, strict=True)]
+        axes = [one.equations.axes for one in trials]
+        facing = self._facing.evaluate([one.positions(y) for one, y in zip(axes, increments, strict=True)], axes)
+        acting = zip(residuals, axes, facing.on_bodies, strict=True)
+        return np.concatenate([part - one.to_body(force) for part, one, force in acting]), facing
 
-    def _search(
-        self, equations: StepEquations, motion: FrameMotion, last: _Iterate
-    ) -> _Found:
+    def _search(self, trials: Sequence[Trial], last: _Iterate) -> _Found:
         """Go along the last correction until what is out of balance does less work on it. Collective."""
 
         def trial(share: float) -> ShareTrial[_Found]:
-            increment, constraints = self._placed(equations, motion, last, share)
-            balance = equations.residual(increment)
+            increments, constraints = self._placed(trials, last, share)
+            balance, facing = self._residual(trials, increments)
             left = self._without_constraint_forces(balance, constraints)
-            found = increment, constraints, balance, left
+            found = _Found(increments, self._unknowns.constraints(constraints), balance, left, facing)
             if not last.work:  # nothing to compare: the step is taken
                 return ShareTrial(found, share, 0.0)
-            work = float(self._bonds.total(np.array(last.change @ left)))
+            work = self._total(float(last.change @ left))
             return by_work(found, share, work=work, before=last.work, ratio=WORK_RATIO)
 
         return searched(trial, most=TRIALS if last.work else 1, fails=NO_FORCES).place
 
     def _placed(
-        self, equations: StepEquations, motion: FrameMotion, last: _Iterate, share: float
-    ) -> tuple[FloatArray, LinearConstraints | None]:
-        """A share of the last correction, and nodes as they go with the frames: held ones exactly, others linearly.
-
-        Returns:
-            (local dofs,) m; and the constraints of averaged frames, which are met but for second order.
-        """
-        axes, bonds = equations.axes, self._bonds
+        self, trials: Sequence[Trial], last: _Iterate, share: float
+    ) -> tuple[list[FloatArray], list[LinearConstraints | None]]:
+        """A share of the last correction, and nodes as they go with the frames: held ones exactly, others linearly."""
         change = share * last.change
         if self._kept is not None:
-            moves = _small_motions(last.motion, motion, axes.R)
-            change += moves @ self._kept.fields
-        increment = self._with_ghosts(last.increment, change)
-        layout = self._body.layout
-        places = axes.increment(bonds.positions(motion), bonds.nodes)
-        gap = places - layout.displacements(increment)[bonds.nodes]
-        increment[layout.displacement_dofs[self._held]] = places[~bonds.averaged]
-        increment[bonds.turns.dofs] = self._turned(equations, motion)
-        return increment, self._averages.constraints(motion, axes.R, displacement=gap)
+            moved = zip(self._parts, last.motions, trials, strict=True)
+            moves = np.concatenate([part.small_motions(before, one) for part, before, one in moved])
+            change = change + moves @ self._kept.fields
+        changes = zip(self._parts, trials, last.increments, self._unknowns.split(change), strict=True)
+        found = [part.placed(one, increment, own) for part, one, increment, own in changes]
+        return [increment for increment, _ in found], [constraints for _, constraints in found]
 
-    def _turned(self, equations: StepEquations, motion: FrameMotion) -> FloatArray:
-        """(m,) how far unknowns that turn with frames have turned since the last accepted step."""
-        turns = self._bonds.turns
-        if not turns.any:
-            return np.zeros(0)
-        return turns.values(motion.R, equations.axes.R) - self._body.displacement[turns.dofs]
-
-    def _factor(self, matrix: PETSc.Mat, constraints: LinearConstraints | None) -> None:
-        """Factor a tangent, which is changed. Collective."""
+    def _factor(self, trials: Sequence[Trial], found: _Found, tangents: Sequence[PETSc.Mat] | None = None) -> None:
+        """Factor the tangent at a place, or those that are given and change. Collective."""
+        if tangents is None:
+            tangents = [one.equations.tangent(y) for one, y in zip(trials, found.increments, strict=True)]
         self._kept = None
-        if not self._tangent.handle:
-            self._tangent = matrix.copy()
-            self._products = self._tangent.createVecs()
-        else:
-            matrix.copy(self._tangent, PETSc.Mat.Structure.SAME_NONZERO_PATTERN)
-        self._linear.constrain(matrix)
-        self._linear.renew_preconditioner()
-        self._linear.set_operator(matrix)
-        if constraints is not None:
-            self._responses = self._linear.solve_block(constraints.columns)
+        for part, matrix in zip(self._parts, tangents, strict=True):
+            part.keep(matrix)
+        if self._coupling is not None:
+            self._coupling.destroy()
+        axes = [one.equations.axes for one in trials]
+        self._coupling = self._facing.slopes(found.facing, axes)
+        self._linear.take(tangents, self._coupling)
+        if found.constraints is not None:
+            self._responses = self._linear.solve_block(found.constraints.columns)
 
-    def _correction(
-        self, left: FloatArray, constraints: LinearConstraints | None
-    ) -> tuple[FloatArray, FloatArray, float]:
+    def _correction(self, found: _Found) -> tuple[FloatArray, FloatArray, float]:
         """Newton's correction (owned dofs,) m, its forces (owned dofs,) N, and its energy norm, J^(1/2). Collective."""
-        change = self._linear.solve_factored(-left)
-        if constraints is not None:
-            change = self._constrained(change[:, None], constraints)[:, 0]
+        change = self._linear.solve_factored(-found.left)
+        if found.constraints is not None:
+            change = self._constrained(change[:, None], found.constraints)[:, 0]
         forces = self._product(change)
         # each kind of unknown by itself: in one sum a pressure's energy may take away the displacement's
-        energies = self._bonds.total(np.array([np.vdot(change[part], forces[part]) for part in self._parts]))
-        return change, forces, float(np.sqrt(abs(energies).sum()))
+        energies = [
+            np.vdot(own[kind], force[kind])
+            for part, own, force in zip(self._parts, *map(self._unknowns.split, (change, forces)), strict=True)
+            for kind in part.kinds
+        ]
+        return change, forces, float(np.sqrt(abs(self._parts[0].bonds.total(np.array(energies))).sum()))
 
     def _constrained(self, solution: FloatArray, constraints: LinearConstraints) -> FloatArray:
         """Solutions (owned dofs, k) with the forces that keep the constraints. Collective."""
         m, responses = len(constraints.gap), self._responses
-        products = inner(self._body.comm, constraints.columns, np.hstack([responses, solution]))
+        products = inner(self._comm, constraints.columns, np.hstack([responses, solution]))
         shares = np.linalg.solve(products[:, :m], products[:, m:] - constraints.gap[:, None])
         return np.asarray(solution - responses @ shares)
 
     def _response(
-        self,
-        equations: StepEquations,
-        motion: FrameMotion,
-        increment: FloatArray,
-        change: FloatArray,
-        residual: FloatArray,
-        *,
-        fresh: bool,
-    ) -> tuple[FloatArray, FloatArray]:
-        """Wrenches (k, 6) and slopes (6 k, 6 k) where the linearised nodes are in balance. Collective."""
-        frames, bonds, R = self._frames, self._bonds, equations.axes.R
-        couples = bonds.turns.wrenches(residual, R)
-        residual, corrected = equations.axes.to_inertial(residual), self._with_ghosts(increment, change)
-        touched = None
+        self, trials: Sequence[Trial], found: _Found, change: FloatArray, residual: FloatArray, *, fresh: bool
+    ) -> tuple[list[FloatArray], FloatArray]:
+        """Wrenches of each body and slopes (c, c) where the linearised nodes are in balance. Collective."""
+        corrected = self._corrected(trials, found, change, residual)
+        turn = scipy.linalg.block_diag(
+            *(np.kron(np.eye(2 * len(one.motion.p)), one.equations.axes.R) for one in trials)
+        )
+        if not fresh and self._kept is not None:
+            return [one.wrenches() for one in corrected], turn @ self._kept.slopes @ turn.T
+        axes = [one.equations.axes for one in trials]
+        acting = self._facing.moved(found.facing, self._unknowns.split(self._coupled(change)), axes)
+        columns = [one.columns(force) for one, force in zip(corrected, acting, strict=True)]
+        ends = np.cumsum([0, *(len(one.carried) for one in columns)])
+        spans = [slice(int(first), int(last)) for first, last in zip(ends[:-1], ends[1:], strict=True)]
+        left, kept, ways = np.zeros((3, self._unknowns.size, int(ends[-1])))
+        for part, one, mine, span in zip(self._parts, columns, self._unknowns.slices, spans, strict=True):
+            left[mine, span], kept[mine, span] = one.left, one.kept
+            ways[mine, span] = part.frames.columns((one.carried + one.relative) @ one.R)
+        left += self._coupled(ways)
+        for mine, part in zip(self._unknowns.slices, self._facing.turned(found.facing, spans, axes), strict=True):
+            left[mine] += part
+        followed = self._linear.solve_block(-left - kept)
+        if found.constraints is not None:
+            met = LinearConstraints(found.constraints.columns, np.zeros_like(found.constraints.gap))
+            followed = self._constrained(followed, met)
+        own = zip(self._parts, self._unknowns.split(followed), strict=True)
+        changes = left + np.concatenate([multiply(part.tangent, rows) for part, rows in own]) + self._coupled(followed)
+        return self._answers(corrected, columns, spans, followed, changes, turn)
+
+    def _answers(
+        self, corrected: list[_Corrected], columns: list[FrameColumns], spans: list[slice], followed: FloatArray,
+        changes: FloatArray, turn: FloatArray,
+    ) -> tuple[list[FloatArray], FloatArray]:
+        """Wrenches of each body and slopes (c, c), of which all is kept that the next iterations need. Collective."""
+        count = followed.shape[1]
+        slopes, fields, wrenches = np.zeros((count, count)), np.zeros((count, self._unknowns.size)), []
+        for one, own, mine, span in zip(corrected, columns, self._unknowns.slices, spans, strict=True):
+            order = np.r_[span, 0 : span.start, span.stop : count]  # a body's own first
+            wide = own.and_others(count - (span.stop - span.start))
+            response = one.part.frames.answer(
+                wide, followed[mine][:, order], changes[mine][:, order], couples=one.couples, touched=one.touched
+            )
+            slopes[span, order] = response.slopes
+            fields[order, mine] = response.relative.T
+            wrenches.append(response.wrenches)
+        per_x = corrected[0].trial.equations.step.per_x
+        self._kept = _KeptTangent(per_x, turn.T @ slopes @ turn, turn.T @ fields)
+        return wrenches, slopes
+
+    def _corrected(
+        self, trials: Sequence[Trial], found: _Found, change: FloatArray, residual: FloatArray
+    ) -> list[_Corrected]:
+        """Each body where the linearised nodes are in balance. Collective."""
+        split = self._unknowns.split
+        each = zip(self._parts, trials, found.increments, split(change), split(residual), strict=True)
+        return [_Corrected.of(*one) for one in each]
+
+    def _product(self, change: FloatArray) -> FloatArray:
+        """The last tangent, with its rows of nodes on frames, times a displacement (owned dofs,). Collective."""
+        own = zip(self._parts, self._unknowns.split(change), strict=True)
+        return np.concatenate([part.product(rows) for part, rows in own]) + self._coupled(change)
+
+    def _coupled(self, block: FloatArray) -> FloatArray:
+        """What contacts between the bodies add to the last tangent, times (owned dofs,) or (owned dofs, k). Collective."""
+        if self._coupling is None:
+            return np.zeros_like(block)
+        return multiply(self._coupling, block.reshape(len(block), -1)).reshape(block.shape)
+
+    def _without_constraint_forces(
+        self, residual: FloatArray, constraints: Sequence[LinearConstraints | None]
+    ) -> FloatArray:
+        """The residual on the nodes that no frame holds, less the forces that keep the constraints. Collective."""
+        own = zip(self._parts, self._unknowns.split(residual), constraints, strict=True)
+        return np.concatenate([part.without_constraint_forces(rows, kept) for part, rows, kept in own])
+
+    def _total(self, part: float) -> float:
+        return float(self._parts[0].bonds.total(np.array(part)))
+
+
+@dataclass(frozen=True, eq=False)
+class _Corrected:
+    """A body where its linearised nodes are in balance.
+
+    Attributes:
+        part, trial: of the body.
+        increment: (local dofs,) m.
+        residual: (owned nodes, 3) N, in inertial axes, of internal and inertia forces less loads and contact.
+        couples: (k, 6) as of `Condensation.condense`.
+        touched: contact with shapes there, where it may touch some.
+    """
+
+    part: CondensedPart
+    trial: Trial
+    increment: FloatArray
+    residual: FloatArray
+    couples: FloatArray
+    touched: TouchedNodes | None
+
+    @classmethod
+    def of(
+        cls, part: CondensedPart, trial: Trial, increment: FloatArray, change: FloatArray, residual: FloatArray
+    ) -> _Corrected:
+        """From increments (local dofs,) m, with a change and a residual (owned dofs,). Collective."""
+        equations, touched = trial.equations, None
         if equations.contacts.touches:
             touched = equations.touched(equations.motion(increment)[0])
             touched = touched.moved(equations.axes.to_inertial(change))
-        if not fresh and self._kept is not None:
-            arms = equations.axes.positions(corrected, bonds.nodes) - motion.p[bonds.frame_of]
-            forces = frames.nodal_forces(residual, equations.held_accelerations - equations.step.gravity)
-            wrenches = frames.with_shapes(bonds.wrenches(forces, arms) + couples, touched)
-            return wrenches, _turned(self._kept.slopes, R)
-        x, a = equations.motion(corrected)
-        a -= equations.step.gravity
-        constraints = self._averages.constraints(motion, R)
+        couples = part.bonds.turns.wrenches(residual, equations.axes.R)
+        inertial = equations.axes.to_inertial(residual)
+        return cls(part, trial, part.with_ghosts(increment, change), inertial, couples, touched)
 
-        def inverse(block: FloatArray) -> FloatArray:
-            solution = self._linear.solve_block(block)
-            return solution if constraints is None else self._constrained(solution, constraints)
+    def wrenches(self) -> FloatArray:
+        """(k, 6) on the frames. Collective."""
+        equations, bonds, frames = self.trial.equations, self.part.bonds, self.part.frames
+        arms = equations.axes.positions(self.increment, bonds.nodes) - self.trial.motion.p[bonds.frame_of]
+        forces = frames.nodal_forces(self.residual, equations.held_accelerations - equations.step.gravity)
+        return frames.with_shapes(bonds.wrenches(forces, arms) + self.couples, self.touched)
 
-        response = frames.respond(
-            self._tangent,
-            inverse,
-            residual,
-            motion,
-            x=x,
-            apparent_acceleration=a,
-            dead_load=equations.axes.to_inertial(equations.loads.dead),
-            slopes=equations.step.scheme.slopes(equations.step.h),
-            couples=couples,
-            touched=touched,
-        )
-        n = len(response.slopes)
-        turn = np.kron(np.eye(n // 3), R)
-        fields = turn.T @ response.relative.T
-        self._kept = _KeptTangent(equations.step.per_x, _turned(response.slopes, R.T), fields)
-        return response.wrenches, response.slopes
-
-    def _product(self, change: FloatArray) -> FloatArray:
-        """The kept tangent, with its rows of nodes on frames, times a displacement (owned dofs,). Collective."""
-        right, left = self._products
-        right.array[:] = change
-        self._tangent.mult(right, left)
-        return np.asarray(left.array_r.copy())
-
-    def _with_ghosts(self, increment: FloatArray, change: FloatArray) -> FloatArray:
-        """(local dofs,) an increment and a change of the owned dofs. Collective."""
-        vector = self._vector
-        vector.array[: self._body.n_owned] = increment[: self._body.n_owned] + change
-        vector.scatter_forward()
-        return np.asarray(vector.array.copy())
-
-    def _without_constraint_forces(self, residual: FloatArray, constraints: LinearConstraints | None) -> FloatArray:
-        """The residual on the nodes that no frame holds, less the forces that keep the constraints. Collective."""
-        free = residual.copy()
-        if constraints is not None:
-            along = self._bonds.total(np.asarray(constraints.columns.T @ residual))
-            free -= constraints.columns @ along
-        free[self._prescribed] = 0.0
-        return free
+    def columns(self, facing: FloatArray) -> FrameColumns:
+        """What the frames' unit motions do; facing: (owned nodes, 3) N, by other bodies of its kind. Collective."""
+        equations = self.trial.equations
+        x, a = equations.motion(self.increment)
+        return self.part.frames.columns_of(
+            self.part.tangent, self.residual, self.trial.motion, x=x, apparent_acceleration=a - equations.step.gravity,
+            dead_load=equations.axes.to_inertial(equations.loads.dead) + facing,
+            slopes=equations.step.scheme.slopes(equations.step.h), touched=self.touched,
+        )  # fmt: skip
 
 
 def _relative(norm: float, energy: float, first: float) -> float:
-    """The size of a correction: its energy norm over that of what the body holds, or of the step's first one."""
+    """The size of a correction: its energy norm over that of what bodies hold, or of the step's first one."""
     if norm == 0.0:
         return 0.0
     return norm / np.sqrt(2.0 * energy) if energy > 0.0 else norm / (first or norm)
-
-
-def _small_motions(start: FrameMotion, end: FrameMotion, R: FloatArray) -> FloatArray:
-    """(6 k,) displacement of the frames' origins and their rotation vectors, in axes that R turns to inertial ones."""
-    turns = end.R @ start.R.transpose(0, 2, 1)
-    sines: FloatArray = 0.5 * np.stack([turns[:, k, j] - turns[:, j, k] for j, k in ((1, 2), (2, 0), (0, 1))], axis=1)
-    sine = np.sqrt((sines**2).sum(axis=1))
-    angle = np.arctan2(sine, 0.5 * (turns[:, 0, 0] + turns[:, 1, 1] + turns[:, 2, 2] - 1.0))
-    vectors = sines * (angle / np.where(sine > 0.0, sine, 1.0))[:, None]
-    return np.hstack([(end.p - start.p) @ R, vectors @ R]).reshape(-1)
-
-
-def _turned(matrix: FloatArray, R: FloatArray) -> FloatArray:
-    """A matrix (n, n) of vectors in threes, in axes that R (3, 3) turns those of it to."""
-    turn = np.kron(np.eye(len(matrix) // 3), R)
-    return np.asarray(turn @ matrix @ turn.T)

@@ -36,6 +36,8 @@ class NearFacets:
         bends: (n, 3, 3) projections to the directions in which the normal goes with the point, turning about a place on
             an edge or a corner that is as far as the depth; zero inside of triangles.
         triangle: (n,) that the place is on, of the mesh.
+        off: (n, 3) which corners of the triangle the place does not hang on, as it is on an edge or a corner and nearer
+            to the point than the plane's; none of what is measured by the plane.
         beside: (n,) whether the points are beyond the rim, by at most half a facet: before or behind its plane.
     """
 
@@ -47,6 +49,7 @@ class NearFacets:
     gradients: FloatArray
     bends: FloatArray
     triangle: IntArray
+    off: NDArray[np.bool_]
     beside: NDArray[np.bool_]
 
     def some(self, mask: NDArray[np.bool_]) -> NearFacets:
@@ -139,7 +142,8 @@ class FacetMesh:
         nodes, weights = self._weights(triangle, share)
         gradients = np.stack([self._weights(triangle, slopes[:, :, k])[1] for k in range(3)], axis=2)
         flat, no = np.zeros((len(rows), 3, 3)), np.zeros(len(rows), dtype=bool)
-        return NearFacets(rows, depth, unit, nodes, weights, gradients, flat, triangle, no)
+        none = np.zeros((len(rows), 3), dtype=bool)
+        return NearFacets(rows, depth, unit, nodes, weights, gradients, flat, triangle, none, no)
 
     def _corners(self, surface: FloatArray) -> FloatArray:
         """(t, 3, 3) m, of the triangles."""
@@ -191,8 +195,13 @@ class FacetMesh:
         slopes, along = _share_slopes(abc[best][keep], unit[best][keep], zero[keep] & ~beside[keep, None])
         bends -= (bends @ n[keep, :, None]) * n[keep, None, :] + (bends @ along[:, :, None]) * along[:, None, :]
         gradients = np.stack([self._weights(chosen[keep], slopes[:, :, k])[1] for k in range(3)], axis=2)
-        place = nodes, weights, gradients, bends, chosen[keep], beside[keep]
+        off = (zero & (sharp & ~beside)[:, None])[keep]
+        place = nodes, weights, gradients, bends, chosen[keep], off, beside[keep]
         return NearFacets(some[keep], depth[keep], n[keep], *place)
+
+    def spread(self, triangle: IntArray) -> FloatArray:
+        """(n, 3, 4) by how much of their facet's nodes, as of `NearFacets.nodes`, corners of triangles are made."""
+        return np.stack([self._weights(triangle, np.tile(unit, (len(triangle), 1)))[1] for unit in np.eye(3)], axis=1)
 
     def _weights(self, triangle: IntArray, share: FloatArray) -> tuple[IntArray, FloatArray]:
         """Nodes (n, 4) and weights of places that are shares (n, 3) of the triangles' corners."""
@@ -241,6 +250,19 @@ class FacetSurface(FacetMesh):
         super().__init__(np.searchsorted(self.number, facets), len(self.number))
 
 
+def check_facets(body: NonlinearModel, surface: str, *, what: str) -> None:
+    """Refuse surfaces that are no facets.
+
+    Raises:
+        SceneError: they are the edges of a plane body.
+    """
+    if body.mesh.dim < 3:
+        raise SceneError(
+            f"{what}: surface {surface!r} is of edges of a plane body, which have no plane of their own; let its nodes "
+            "touch facets of a solid, or shapes, or take a layer of solid cells"
+        )
+
+
 def check_same_ranks(first: NonlinearModel, second: NonlinearModel, *, what: str) -> None:
     """Refuse two bodies on unlike sets of ranks. Collective over the first one's.
 
@@ -262,7 +284,8 @@ def _within(points: FloatArray, others: FloatArray, reach: float) -> IntArray:
 def _nothing() -> NearFacets:
     none = np.zeros(0, dtype=np.int64)
     nodes, weights, normals = np.zeros((0, 4), dtype=np.int64), np.zeros((0, 4)), np.zeros((0, 3))
-    place = nodes, weights, np.zeros((0, 4, 3)), np.zeros((0, 3, 3)), none, np.zeros(0, dtype=bool)
+    off, beside = np.zeros((0, 3), dtype=bool), np.zeros(0, dtype=bool)
+    place = nodes, weights, np.zeros((0, 4, 3)), np.zeros((0, 3, 3)), none, off, beside
     return NearFacets(none, np.zeros(0), normals, *place)
 
 

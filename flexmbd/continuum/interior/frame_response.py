@@ -7,7 +7,7 @@ scheme of integration, or at rest without.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TypeAlias
 
 from petsc4py import PETSc
@@ -47,6 +47,41 @@ class FrameResponse:
     fields: FloatArray
     relative: FloatArray
     nodal_forces: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class FrameColumns:
+    """What c unit motions of frames do, those of the body's own first, where other nodes go with the body's axes.
+
+    Attributes:
+        R: (3, 3) from the body's axes to inertial ones.
+        moves: of the body's own frames.
+        carried: (c, owned nodes, 3) m, displacement of nodes with the body's axes, in inertial ones.
+        relative: (c, owned nodes, 3) m, of those on frames against these axes, in inertial ones.
+        given: (owned dofs, c) the same in the body's axes, and of unknowns that turn with frames.
+        left: (owned dofs, c) N, change of the residual, in the body's axes.
+        kept: (owned dofs, c) N, of the forces that keep averages.
+        nodal_forces: (interface nodes, 3) N, on the frames.
+        arms: (interface nodes, 3) m.
+    """
+
+    R: FloatArray
+    moves: tuple[_UnitMotion, ...]
+    carried: FloatArray
+    relative: FloatArray
+    given: FloatArray
+    left: FloatArray
+    kept: FloatArray
+    nodal_forces: FloatArray
+    arms: FloatArray
+
+    def and_others(self, more: int) -> FrameColumns:
+        """With so many columns behind these, of motions that move no node of this body's by themselves."""
+        carried, relative = (
+            np.concatenate([part, np.zeros((more, *part.shape[1:]))]) for part in (self.carried, self.relative)
+        )
+        given = np.hstack([self.given, np.zeros((len(self.given), more))])
+        return replace(self, carried=carried, relative=relative, given=given)
 
 
 @dataclass(frozen=True, eq=False)
@@ -147,6 +182,29 @@ class Condensation:
         touched: TouchedNodes | None = None,
     ) -> FrameResponse:
         """As `condense`, with a tangent that is not changed and its inverse on the nodes that frames do not hold."""
+        found = self.columns_of(
+            tangent, residual, motion, x=x, apparent_acceleration=apparent_acceleration, dead_load=dead_load,
+            slopes=slopes, touched=touched,
+        )  # fmt: skip
+        followed = inverse(-found.left - found.kept)
+        return self.answer(found, followed, found.left + multiply(tangent, followed), couples=couples, touched=touched)
+
+    def columns_of(
+        self,
+        tangent: PETSc.Mat,
+        residual: FloatArray,
+        motion: FrameMotion,
+        *,
+        x: FloatArray,
+        apparent_acceleration: FloatArray,
+        dead_load: FloatArray,
+        slopes: tuple[float, float],
+        touched: TouchedNodes | None,
+    ) -> FrameColumns:
+        """What unit motions of the frames, and of those of touched bodies, do where other nodes go with the body's axes.
+
+        Arguments as of `condense`; ``dead_load`` is all that acts and does not turn with the body, but ``touched``.
+        """
         body, bonds = self.body, self.bonds
         R = bonds.pose(motion)[1]
         nodes, n, (per_x, per_v) = bonds.nodes, body.layout.n_owned_nodes, slopes
@@ -181,11 +239,28 @@ class Condensation:
         given = self._given(relative @ R, moves, R)
         left = multiply(tangent, given) + multiply(self.mass, self.columns(accelerations @ R))
         left += self.columns(turned @ R)
-        followed = inverse(-left - self.columns(constraint_forces @ R))
-        change = left + multiply(tangent, followed)
+        kept = self.columns(constraint_forces @ R)
+        return FrameColumns(R, tuple(moves), carried, relative, given, left, kept, nodal_forces, arms)
+
+    def answer(
+        self, found: FrameColumns, followed: FloatArray, change: FloatArray, *, couples: FloatArray,
+        touched: TouchedNodes | None,
+    ) -> FrameResponse:
+        """The response. Collective.
+
+        Args:
+            found: the columns.
+            followed: (owned dofs, c) m, how nodes that no frame holds follow, in the body's axes.
+            change: (owned dofs, c) N, of the residual by all of it.
+            couples: as of `condense`.
+            touched: as of `condense`.
+        """
+        bonds, R, moves, nodal_forces, arms = self.bonds, found.R, found.moves, found.nodal_forces, found.arms
+        own_columns, columns = len(moves), range(followed.shape[1])
         changes = self._fields(change) @ R.T
         moved = self._fields(followed) @ R.T
-        derivative = np.zeros((len(columns), len(columns)))
+        shapes = 0 if touched is None else sum(one.frames for one in touched.carriers)
+        derivative = np.zeros((own_columns + 6 * shapes, len(columns)))
         for j in columns:
             step = moves[j] if j < own_columns else None
             wrench = self._wrench_change(j, step, changes[j], moved[j], nodal_forces, arms)
@@ -194,14 +269,15 @@ class Condensation:
                 if j < 6:
                     wrench[:, 3:] += _crossed(moves[j][2], couples[:, 3:])
             derivative[:own_columns, j] = wrench.reshape(-1)
-        relative += moved
+        relative = found.relative + moved
         if touched is not None:
-            derivative[own_columns:] = self._on_shapes(touched, carried + relative, own_columns)
+            derivative[own_columns:] = self._on_shapes(touched, found.carried + relative, own_columns)
         wrenches = self.with_shapes(bonds.wrenches(nodal_forces, arms) + couples, touched)
         if bonds.turns.any:
-            followed[bonds.turns.dofs[bonds.turns.own]] = given[bonds.turns.dofs[bonds.turns.own]]
+            rows = bonds.turns.dofs[bonds.turns.own]
+            followed[rows] = found.given[rows]
         in_axes = self.columns(relative @ R, further=followed)
-        return FrameResponse(wrenches, derivative, carried + relative, in_axes, nodal_forces)
+        return FrameResponse(wrenches, derivative, found.carried + relative, in_axes, nodal_forces)
 
     def _given(self, fields: FloatArray, moves: Sequence[_UnitMotion], R: FloatArray) -> FloatArray:
         """(owned dofs, k) of fields (k, owned nodes, 3) in body axes, and of unknowns that turn with the frames."""

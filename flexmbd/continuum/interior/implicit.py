@@ -22,6 +22,8 @@ from flexmbd.continuum.history.nonlinear_model import NonlinearModel
 from flexmbd.continuum.history.tangent_solver import LinearSolver
 from flexmbd.continuum.interior.body_at_rest import balance_at_rest, linear_at_rest, refuse_restless
 from flexmbd.continuum.interior.body_observer import BodyObserver
+from flexmbd.continuum.interior.condensed_part import Trial
+from flexmbd.continuum.interior.coupled_bodies import CoupledBodies, touch_between
 from flexmbd.continuum.interior.halved_steps import HalvedSteps
 from flexmbd.continuum.interior.implicit_contacts import ImplicitContacts
 from flexmbd.continuum.interior.loads_in_motion import LoadsInMotion
@@ -36,6 +38,7 @@ from flexmbd.given import checked
 from flexmbd.multibody.bodies.body import RigidBody
 from flexmbd.multibody.bodies.continuum_body import (
     FrameMotion,
+    Interior,
     InteriorFrame,
     InteriorIteration,
     Memory,
@@ -58,6 +61,8 @@ class ImplicitContinuum:
 
     Attributes:
         body: the body with history between the frames.
+        nodes: their solution.
+        coupled: the bodies that are solved for with it, as they touch each other.
         frames: of its interfaces.
         mass: kg, of the nodes that are not bonded (lumped).
     """
@@ -85,7 +90,7 @@ class ImplicitContinuum:
             SceneError, MeshError: on all ranks: as `AppliedLoads`, or a load is for slow loading alone.
         """
         self.body = body
-        self._nodes = nodes = NodalSolution(body, rigid_parts=rigid_parts, solver=solver)
+        self.nodes = nodes = NodalSolution(body, rigid_parts=rigid_parts, solver=solver)
         self._bonds = bonds = nodes.bonds
         self.frames: tuple[InteriorFrame, ...] = bonds.frames
         self.mass = bonds.free_mass
@@ -94,10 +99,11 @@ class ImplicitContinuum:
         self._loads = LoadsInMotion(body, bonds, loads)
         self._first, self._begins_fresh = body.snapshot(), is_fresh(body)
         self._contacts = self._contacts_with((), ())
+        self.coupled = CoupledBodies([self])
         self._gravity: FloatArray = np.zeros(3)
         self._state: NodalState | None = None
         self._trial: StepEnd | None = None
-        self._iterated: tuple[StepEquations, FrameMotion, FloatArray] | None = None  # a trial that is not worked out
+        self._iterated: tuple[Trial, FloatArray] | None = None  # a trial that is not worked out
         self._step: TriedStep | None = None  # that is tried
         self._known_energies: dict[str, float] | None = None  # of the last accepted state, once they were asked for
         self._plane = PlaneMotion(body)
@@ -105,7 +111,7 @@ class ImplicitContinuum:
 
     def begin(self, t: float, motion: FrameMotion, gravity: FloatArray) -> FloatArray:
         """See `Interior.begin`. Collective."""
-        body, bonds = self.body, self._bonds
+        body, bonds, motion = self.body, self._bonds, self._own(motion)
         body.restore(self._first)
         self._halved = None
         self._forget()
@@ -119,6 +125,7 @@ class ImplicitContinuum:
         self._loads.begin(R)
         self._loads.now = self._loads.after(t, x)
         self._contacts.begin(x, motion)
+        self.coupled.begin(self, x, self.nodes.axes(motion))
         if self._begins_fresh and not self._loads.applied.any_heat:
             return self._start_accelerations(motion, -self._loads.now)
         # what holds the body in its shape at rest: warm, with voltages, or deformed before
@@ -130,9 +137,9 @@ class ImplicitContinuum:
 
     def resume(self, t: float, motion: FrameMotion) -> FloatArray:
         """See `SteadyInterior.resume`. Collective."""
-        now = self._current_state()
+        now, motion = self._current_state(), self._own(motion)
         v = now.v.copy()
-        v[self._nodes.bonded] = self._bonds.velocities(motion)[~self._bonds.averaged]
+        v[self.nodes.bonded] = self._bonds.velocities(motion)[~self._bonds.averaged]
         self._state = replace(now, t=t, v=v, h=0.0)
         self._loads.now = self._loads.after(t, now.x)
         self._forget()
@@ -140,9 +147,9 @@ class ImplicitContinuum:
 
     def equilibrate(self, t: float, motion: FrameMotion) -> tuple[FloatArray, FloatArray]:
         """See `SteadyInterior.equilibrate`. Collective."""
-        refuse_restless(self.body, self._contacts)
+        refuse_restless(self.body, [*self._contacts.names, *self.coupled.facing.names])
         guess = np.zeros(self.body.layout.n_local) if self._trial is None else self._trial.increment
-        found = balance_at_rest(self._nodes, self._loads, t, motion, guess=guess, gravity=self._gravity)
+        found = balance_at_rest(self.nodes, self._loads, t, motion, guess=guess, gravity=self._gravity)
         still = np.zeros_like(found.x)
         state = NodalState(t, found.x, still + motion.v[0], still, still, 0.0)
         self._trial = StepEnd(state, found.increment, found.load, (), 0.0)
@@ -150,9 +157,9 @@ class ImplicitContinuum:
 
     def linear(self, motion: FrameMotion, modes: InteriorModes) -> LinearInterior:
         """See `SteadyInterior.linear`; modes by block Lanczos, converged to a residual of 1e-12. Collective."""
-        refuse_restless(self.body, self._contacts)
+        refuse_restless(self.body, [*self._contacts.names, *self.coupled.facing.names])
         now = self._current_state()
-        found = linear_at_rest(self._nodes, self._loads, now, motion, modes=modes, gravity=self._gravity)
+        found = linear_at_rest(self.nodes, self._loads, now, motion, modes=modes, gravity=self._gravity)
         self.revert()
         return found
 
@@ -160,16 +167,18 @@ class ImplicitContinuum:
         self, t_end: float, h: float, scheme: Scheme, motion: FrameMotion
     ) -> tuple[FloatArray, FloatArray]:
         """See `ImplicitInterior.trial`. Collective."""
-        equations = self._equations(self._step_to(t_end, h, scheme), motion)
+        if self.coupled.facing.contacts:
+            return self.coupled.trial(self, t_end, h, scheme, motion)
+        equations = self.equations(t_end, h, scheme, motion)
         axes = equations.axes
         if self._trial is None:
             guess = self.body.layout.at_dofs(axes.increment(equations.step.coasted()), owned=False)
         else:
             guess = self._trial.increment
-        nodes = self._nodes
+        nodes = self.nodes
         solution = nodes.solve_or_anew(guess, motion, axes, equations)
         self.body.check_increment(solution.increment)
-        self._trial, self._iterated = self._end(equations, motion, solution.increment), None
+        self._trial, self._iterated = self._end(Trial(equations, motion), solution.increment), None
         state = self._trial.state
         response = nodes.response(
             solution, equations, motion, x=state.x, apparent=state.a - self._gravity, slopes=scheme.slopes(h),
@@ -181,14 +190,11 @@ class ImplicitContinuum:
         self, t_end: float, h: float, scheme: Scheme, motion: FrameMotion, *, tolerance: float, renew: bool
     ) -> InteriorIteration:
         """See `IteratedInterior.iterate`. Collective."""
-        equations, joint = self._equations(self._step_to(t_end, h, scheme), motion), self._nodes.joint
-        energy = sum(abs(value) for value in self._own_energies().values())
-        found = joint.iterate(equations, motion, energy=energy, tolerance=tolerance, renew=renew)
-        if found.correction <= tolerance:
-            self.body.check_increment(found.increment)
-        self._iterated = equations, motion, found.increment
-        rounding = equations.step.round_off * np.repeat([1.0, self._bonds.reach], 3)
-        return InteriorIteration(found.wrenches, found.slopes, found.correction, rounding)
+        return self.coupled.iterate(self, t_end, h, scheme, motion, tolerance=tolerance, renew=renew)
+
+    def take(self, trial: Trial, increment: FloatArray) -> None:
+        """See `CoupledBody`."""
+        self._iterated = trial, increment
 
     def commit(self) -> None:
         """See `ImplicitInterior.commit`. Collective."""
@@ -204,7 +210,7 @@ class ImplicitContinuum:
         self._contacts.accept(self._trial.touched)
         self._state = replace(self._state, h=self._state.t - before.t)
         self._trial = self._iterated = self._step = self._known_energies = None
-        self._nodes.joint.end_step()
+        self.coupled.accept()
 
     def revert(self) -> None:
         """See `ImplicitInterior.revert`."""
@@ -219,7 +225,8 @@ class ImplicitContinuum:
         numbers = {"times": np.array([now.t, now.h]), "gravity": self._gravity.copy()}
         arrays["load"] = memory.gather_nodes(self._loads.now)
         numbers |= {"load work": np.array(self._loads.work), "begun": self._loads.R_begun.copy()}
-        return {**arrays, **numbers, **memory.gather(self.body.snapshot()), **self._contacts.snapshot()}
+        touch = {**self._contacts.snapshot(), **self.coupled.facing.snapshot(self.coupled.row(self), memory)}
+        return {**arrays, **numbers, **memory.gather(self.body.snapshot()), **touch}
 
     def restore(self, memory: Memory) -> None:
         """See `Interior.restore`. Collective."""
@@ -233,6 +240,7 @@ class ImplicitContinuum:
         self._loads.now = self._memory.scatter_nodes(arrays["load"])[: self.body.layout.n_owned_nodes]
         self._state = NodalState(t=t, h=h, **nodal)
         self._contacts.restore(arrays)
+        self.coupled.facing.restore(self.coupled.row(self), self._memory, arrays)
         if self._halved is not None:
             self._halved.begin_anew()
         self._forget()
@@ -250,17 +258,21 @@ class ImplicitContinuum:
 
         "kinetic" is that of the consistent mass less the frames', lumped: below zero where little else moves.
         """
-        own = self._own_energies()
-        weight = weight_energy(self._nodes.frames, self._weight, self._gravity, self._current_state().x)
-        outer = {**self._loads.energies(), **self._contacts.energies()}
+        own, others = self._own_energies(), self.coupled.facing.works(self.coupled.row(self))
+        weight = weight_energy(self.nodes.frames, self._weight, self._gravity, self._current_state().x)
+        outer = {**self._loads.energies(), **self._contacts.energies(others)}
         return {"kinetic": own["kinetic"], "gravitational": weight, **own, **outer}
 
     def _own_energies(self) -> dict[str, float]:
         """J, what the body holds in the last accepted state, of all kinds but its weight's. Collective."""
         if self._known_energies is None:
-            kinetic = kinetic_energy(self._nodes.frames, self._current_state().v)
+            kinetic = kinetic_energy(self.nodes.frames, self._current_state().v)
             self._known_energies = {"kinetic": kinetic, **self.body.energies()}
         return self._known_energies
+
+    def held_energy(self) -> float:
+        """See `CoupledBody`. Collective."""
+        return sum(abs(value) for value in self._own_energies().values())
 
     @property
     def load_factors(self) -> tuple[TimeFactor, ...]:
@@ -274,7 +286,7 @@ class ImplicitContinuum:
     def observe(self, motion: FrameMotion) -> InteriorFields:
         """See `ObservedInterior`. Collective."""
         now, pose = self._current_state(), self._bonds.pose(motion)
-        pushed = self._contacts.pushed()
+        pushed = self._contacts.pushed(self.coupled.facing.pushed(self.coupled.row(self)))
         return self._observer.fields(pose, pose[1], nodal=(now.x, now.v, now.a), pushed=pushed)
 
     def locate(self, point: FloatArray) -> tuple[IntArray, FloatArray]:
@@ -288,7 +300,8 @@ class ImplicitContinuum:
     def outer_forces(self) -> Mapping[str, FloatArray]:
         """See `ObservedInterior`: of loads and contacts. Collective where there are some."""
         now = self._current_state()
-        return {**self._loads.resultants(now.t, now.x), **self._contacts.resultants()}
+        facing = self.coupled.facing.resultants(self.coupled.row(self))
+        return {**self._loads.resultants(now.t, now.x), **self._contacts.resultants(), **facing}
 
     def check_surface(self, surface: str, *, what: str) -> None:
         """See `TouchingInterior`. Collective."""
@@ -297,6 +310,7 @@ class ImplicitContinuum:
     def meet(self, obstacles: Sequence[Obstacle]) -> None:
         """See `TouchingInterior`. Collective."""
         self._contacts = self._contacts_with(obstacles, ())
+        self.coupled = CoupledBodies([self])
 
     def meet_reduced(self, surfaces: Sequence[ReducedFacets]) -> None:
         """See `ReducedTouchingInterior`. Collective."""
@@ -304,25 +318,45 @@ class ImplicitContinuum:
 
     def _contacts_with(self, obstacles: Sequence[Obstacle], surfaces: Sequence[ReducedFacets]) -> ImplicitContacts:
         """The contacts of the surfaces. Collective."""
-        names = {one.name for one in obstacles} | {one.name for one in surfaces}
+        self._refuse_loads({one.name for one in obstacles} | {one.name for one in surfaces})
+        size = self.nodes.extent_of(self.body.layout.node_x)
+        return ImplicitContacts(
+            self.body, self._memory, self.nodes.diagonal, size=size, obstacles=obstacles, surfaces=surfaces
+        )
+
+    def _refuse_loads(self, names: set[str]) -> None:
         both = names & set(self._loads.applied.names)
         if both:
             raise SceneError(f"a contact and a load are both called {sorted(both)[0]!r}; give each its own name")
-        size = self._nodes.extent_of(self.body.layout.node_x)
-        return ImplicitContacts(
-            self.body, self._memory, self._nodes.diagonal, size=size, obstacles=obstacles, surfaces=surfaces
-        )
 
     def face(self, facing: FacingSurface) -> None:
-        """See `TouchingInterior`: not in implicit steps.
+        """See `TouchingInterior`. Collective."""
+        other = facing.other
+        if not isinstance(other, ImplicitContinuum):
+            raise SceneError(
+                f"contact {facing.name!r}: surfaces of two bodies with history touch where both step alike, both of them "
+                f"ImplicitContinuum or ExplicitContinuum; the other's interior is {type(other).__name__}"
+            )
+        for one in (self, other):
+            one._refuse_loads({facing.name})
+        touch = touch_between(facing, self.nodes, other.nodes)
+        coupled = self.coupled.joined(touch, self, other)
+        for one in coupled.members:
+            one.coupled = coupled
 
-        Raises:
-            SceneError: says so.
-        """
-        raise SceneError(
-            f"contact {facing.name!r}: surfaces of two bodies with history touch in explicit steps alone; take "
-            "ExplicitContinuum and fm.CentralDifference()"
-        )
+    @property
+    def beside(self) -> tuple[Interior, ...]:
+        """See `CoupledInterior`."""
+        return self.coupled.others(self)
+
+    @property
+    def frame_count(self) -> int:
+        """See `CoupledBody`."""
+        return len(self.frames) + sum(one.frames for one in self._contacts.touches)
+
+    def _own(self, motion: FrameMotion) -> FrameMotion:
+        """Of frames with those of bodies beside this one its own, and those of shapes."""
+        return FrameMotion(*(part[: self.frame_count] for part in motion))
 
     def _current_state(self) -> NodalState:
         if self._state is None:
@@ -336,23 +370,25 @@ class ImplicitContinuum:
             now = self._current_state()
             if now.h > 0.0:
                 now = replace(now, auxiliary=scheme.carry(now.auxiliary, h, now.h, now.a))
-            nodes = self._nodes
+            nodes = self.nodes
             # accelerations are differences of places over the square of the step
             round_off = max(nodes.round_off, nodes.mass_size * nodes.extent_of(now.x) / scheme.slopes(h)[0])
             factors = self._loads.factors_before(t_end)
             self._step = step = TriedStep(t_end, h, scheme, now, factors, self._gravity, round_off)
         return step
 
-    def _equations(self, step: TriedStep, motion: FrameMotion) -> StepEquations:
-        """The balance at a step's end with the frames as ``motion`` says. Not collective."""
+    def equations(self, t_end: float, h: float, scheme: Scheme, motion: FrameMotion) -> StepEquations:
+        """See `CoupledBody`. Collective."""
+        step = self._step_to(t_end, h, scheme)
         self._plane.check(motion)
-        bonds, axes = self._bonds, self._nodes.axes(motion)
+        bonds, axes = self._bonds, self.nodes.axes(motion)
         loads = self._loads.at(step.factors, axes)
-        held = self._nodes.bonded, bonds.accelerations(motion)[~bonds.averaged]
-        return StepEquations(self.body, step, axes, self._nodes.frames, loads, *held, self._contacts, motion)
+        held = self.nodes.bonded, bonds.accelerations(motion)[~bonds.averaged]
+        return StepEquations(self.body, step, axes, self.nodes.frames, loads, *held, self._contacts, motion)
 
-    def _end(self, equations: StepEquations, motion: FrameMotion, increment: FloatArray) -> StepEnd:
+    def _end(self, trial: Trial, increment: FloatArray) -> StepEnd:
         """A trial's end. Collective."""
+        equations, motion = trial.equations, trial.motion
         state = equations.end(increment, self._bonds.velocities(motion)[~self._bonds.averaged])
         load = equations.axes.to_inertial(equations.loads.force(increment))
         touched = self._contacts.evaluate(state.x, motion)[1]
@@ -361,19 +397,20 @@ class ImplicitContinuum:
     def _set_gravity(self, gravity: FloatArray) -> None:
         """Take (3,) m/s^2. Collective."""
         self._gravity = gravity
-        self._weight = self._nodes.inertia(np.tile(gravity, (len(self.body.layout.node_x), 1)))
+        self._weight = self.nodes.inertia(np.tile(gravity, (len(self.body.layout.node_x), 1)))
 
     def _forget(self) -> None:
         """Forget trials, guesses and factors."""
         self._trial = self._iterated = self._step = self._known_energies = None
-        self._nodes.discard_factors()
+        self.nodes.discard_factors()
+        self.coupled.forget()
 
     def _start_in_shape(self, motion: FrameMotion) -> FloatArray:
         """As `_start_accelerations`, of the body as it is deformed and touches. Collective."""
-        axes = self._nodes.axes(motion)
+        axes = self.nodes.axes(motion)
         internal = self.body.force(np.zeros(self.body.layout.n_local), dt=0.0)
         couples = self._bonds.turns.wrenches(internal, axes.R)
-        acting = self._loads.now + self._contacts.nodal()
+        acting = self._loads.now + self._contacts.nodal() + self.coupled.facing.nodal(self.coupled.row(self))
         found = self._start_accelerations(motion, axes.to_inertial(internal) - acting)
         found[: len(couples)] += couples
         return found
@@ -384,7 +421,7 @@ class ImplicitContinuum:
         Returns:
             (k, 6) wrenches on the frames.
         """
-        nodes, bonds, gravity = self._nodes, self._bonds, self._gravity
+        nodes, bonds, gravity = self.nodes, self._bonds, self._gravity
         # a node has one mass along all axes: these may be inertial, but for dofs that are held in the body's
         R = nodes.axes(motion).R if self._plane.is_plane else np.eye(3)
         a = nodes.accelerations(motion, self._weight - internal, R=R)
@@ -394,7 +431,7 @@ class ImplicitContinuum:
         wrenches = bonds.wrenches(nodal_forces, bonds.arms(motion))
         if self._contacts.touches:
             wrenches = np.vstack([wrenches, bonds.total(self._contacts.wrenches())])
-        return wrenches
+        return self.coupled.widened(self, wrenches)
 
 
 _NODAL = ("x", "v", "a", "auxiliary")

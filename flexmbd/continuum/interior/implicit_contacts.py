@@ -56,6 +56,11 @@ class ImplicitContacts:
         self._now: tuple[TouchedState, ...] = ()
         self.works: FloatArray = np.zeros(2)
 
+    @property
+    def names(self) -> list[str]:
+        """Of the contacts."""
+        return [one.name for one in self.touches]
+
     def begin(self, x: FloatArray, motion: FrameMotion) -> None:
         """Nothing has touched yet, with nodes at x (local nodes, 3) m. Collective.
 
@@ -113,14 +118,18 @@ class ImplicitContacts:
             out[nodes] += state.force
         return out
 
-    def pushed(self) -> PushedNodes | None:
-        """The owned nodes in the accepted state; None where nothing is touched."""
-        if not self._nodes:
+    def pushed(self, facing: Sequence[tuple[IntArray, FloatArray]]) -> PushedNodes | None:
+        """The owned nodes in the accepted state; None where nothing is touched.
+
+        ``facing``: nodes, and sizes (n,) N of normal forces, by other bodies of its kind.
+        """
+        own = [(nodes, np.linalg.norm(state.met, axis=1)) for nodes, state in zip(self._nodes, self._now, strict=True)]
+        if not own and not facing:
             return None
         touches, force = np.zeros((2, self._body.layout.n_owned_nodes))
-        for nodes, state in zip(self._nodes, self._now, strict=True):
+        for nodes, size in (*own, *facing):
             touches[nodes] = 1.0
-            force[nodes] += np.linalg.norm(state.met, axis=1)
+            force[nodes] += size
         return PushedNodes(touches, force)
 
     def wrenches(self) -> FloatArray:
@@ -135,11 +144,14 @@ class ImplicitContacts:
         summed = sum(self._body.comm.allgather(np.array([one.force.sum(axis=0) for one in self._now])))
         return {one.name: force for one, force in zip(self.touches, np.asarray(summed), strict=True)}
 
-    def energies(self) -> dict[str, float]:
-        """J, "contact" and "friction": minus what both did, stored by the first, lost by the second. Collective."""
-        if not self.touches:
+    def energies(self, facing: FloatArray | None) -> dict[str, float]:
+        """J, "contact" and "friction": minus what both did, stored by the first, lost by the second. Collective.
+
+        ``facing``: (2,) J, what both did on it by other bodies of its kind, where there are some.
+        """
+        if not self.touches and facing is None:
             return {}
-        contact, friction = np.asarray(sum(self._body.comm.allgather(self.works)))
+        contact, friction = sum(self._body.comm.allgather(self.works)) + (np.zeros(2) if facing is None else facing)
         return {"contact": -float(contact), "friction": -float(friction)}
 
     def snapshot(self) -> dict[str, FloatArray]:

@@ -15,17 +15,18 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from flexmbd.continuum.interior.facet_places import Places
 from flexmbd.continuum.interior.facet_push import comes_through
-from flexmbd.continuum.interior.facet_search import NearFacets
+from flexmbd.continuum.interior.facet_search import FacetMesh, NearFacets
 from flexmbd.continuum.interior.reduced_contact import MovedFacets
 from flexmbd.multibody.interiors.touching_interior import Obstacle, ReducedFacets
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
-# The stiffness of friction's bristles over that which a node feels: with one far above it Newton's method goes round
+#: The stiffness of friction's bristles over that which a node feels: with one far above it Newton's method goes round
 # between states in which a node slides and sticks.
-_BRISTLE = 2.0
+BRISTLE = 2.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,6 +76,35 @@ class Touch:
     normal: FloatArray
 
 
+class KeptFacets:
+    """Where nodes are behind facets: each before the one at which it was found first in a step.
+
+    Beneath an edge the nearest facet, and with it the normal, would change from iteration to iteration.
+    """
+
+    def __init__(self, mesh: FacetMesh) -> None:
+        """No step is tried yet."""
+        self._mesh = mesh
+        self._before: object = None  # the state from which a step is tried
+        self._triangle: IntArray = np.zeros(0, dtype=np.int64)
+
+    def find(self, y: FloatArray, points: FloatArray, before: object) -> NearFacets:
+        """Of nodes at y (n, 3) m, with the facets' points (k, 3) m, in a step from the state before."""
+        mesh = self._mesh
+        if before is not self._before:
+            self._before, self._triangle = before, np.full(len(y), -1, dtype=np.int64)
+        rows = np.flatnonzero(self._triangle >= 0)
+        kept = mesh.before(y, rows, self._triangle[rows], points)
+        found = mesh.find(y, points)
+        found = found.some(~np.isin(found.points, kept.points)).and_others(kept.some(kept.depth > 0.0))
+        self._triangle[found.points] = found.triangle
+        return found
+
+    def forget(self) -> None:
+        """Forget the step that was tried."""
+        self._before = None
+
+
 class ImplicitTouch(Protocol):
     """A contact of a surface's nodes with what c frames carry."""
 
@@ -120,7 +150,7 @@ class ShapeTouch:
     def evaluate(self, x: FloatArray, p: FloatArray, R: FloatArray, before: TouchedState, felt: FloatArray) -> Touch:
         """See `ImplicitTouch`."""
         y, one = (x - p[0]) @ R[0], self._obstacle
-        r, bristle = one.stiffness_ratio * felt, _BRISTLE * felt
+        r, bristle = one.stiffness_ratio * felt, BRISTLE * felt
         found = one.distances(y)
         met, rubbed, slopes = law(found, y - before.y, before.rubbed, r=r, bristle=bristle, friction=one.friction)
         on = np.flatnonzero(met.any(axis=1))
@@ -147,8 +177,7 @@ class ReducedTouch:
     def __init__(self, given: ReducedFacets, *, size: float) -> None:
         """Of these facets; size: m, of the body whose nodes touch them."""
         self._given, self._facets, self._size, self.name = given, MovedFacets(given), size, given.name
-        self._before: TouchedState | None = None  # the step that is tried
-        self._triangle: IntArray = np.zeros(0, dtype=np.int64)
+        self._kept = KeptFacets(self._facets.mesh)
 
     @property
     def frames(self) -> int:
@@ -169,14 +198,14 @@ class ReducedTouch:
         facets, given = self._facets, self._given
         facets.place(p, R)
         y = facets.seen(x)
-        found = self._find(y, before)
+        found = self._kept.find(y, facets.points, before)
         went = (y - before.y)[found.points]
         went -= np.einsum("nk,nka->na", found.weights, (facets.points - self._points(before))[found.nodes])
         touched = (before.met != 0.0).any(axis=1)
         entered = comes_through(found, went, touched[found.points], size=self._size)
         found, went = found.some(entered), went[entered]
         r, on = felt[found.points], found.points
-        of_law = {"r": given.stiffness_ratio * r, "bristle": _BRISTLE * r}
+        of_law = {"r": given.stiffness_ratio * r, "bristle": BRISTLE * r}
         gaps = np.column_stack([-found.depth, found.normal])
         met, rubbed, slopes = law(gaps, went, before.rubbed[on], friction=given.friction, **of_law)
         slopes += of_law["r"][:, None, None] * found.bends
@@ -191,7 +220,7 @@ class ReducedTouch:
 
     def forget(self) -> None:
         """See `ImplicitTouch`."""
-        self._before = None
+        self._kept.forget()
 
     def works(self, before: TouchedState, after: TouchedState) -> FloatArray:
         """See `ImplicitTouch`."""
@@ -205,21 +234,6 @@ class ReducedTouch:
         facets.place(state.p, state.R)
         found = facets.wrenches(state.reaction.sum(axis=0))
         return facets.turned(found.reshape(-1, 3)).reshape(-1, 6)
-
-    def _find(self, y: FloatArray, before: TouchedState) -> NearFacets:
-        """Where nodes are behind facets: each before the one at which it was found first in this step.
-
-        Beneath an edge the nearest facet, and with it the normal, would change from iteration to iteration.
-        """
-        mesh, points = self._facets.mesh, self._facets.points
-        if before is not self._before:
-            self._before, self._triangle = before, np.full(len(y), -1, dtype=np.int64)
-        rows = np.flatnonzero(self._triangle >= 0)
-        kept = mesh.before(y, rows, self._triangle[rows], points)
-        found = mesh.find(y, points)
-        found = found.some(~np.isin(found.points, kept.points)).and_others(kept.some(kept.depth > 0.0))
-        self._triangle[found.points] = found.triangle
-        return found
 
     def _points(self, state: TouchedState) -> FloatArray:
         self._facets.place(state.p, state.R)
@@ -245,19 +259,37 @@ def law(
         friction: Coulomb's coefficient.
     """
     n, plane = found[:, 1:], np.eye(3) - found[:, 1:, None] * found[:, None, 1:]
-    size = np.maximum(0.0, -r * found[:, 0])
+    met, held, size, share = contact_forces(-found[:, 0], n, way, rubbed, r=r, bristle=bristle, friction=friction)
     on = size > 0.0
-    met = np.where(on[:, None], size[:, None] * n, 0.0)
     slopes = np.where(on, r, 0.0)[:, None, None] * n[:, :, None] * n[:, None, :]
     if friction == 0.0 or not on.any():
         return met, np.zeros_like(met), slopes
-    held = np.einsum("nab,nb->na", plane, rubbed - bristle[:, None] * way)
-    need, most = np.sqrt((held**2).sum(axis=1)), friction * size
-    slides = on & (need > most)
-    share = np.where(slides, most / np.where(need > 0.0, need, 1.0), np.where(on, 1.0, 0.0))
-    across = plane.copy()
+    slides, across = on & (share < 1.0), plane.copy()
+    need = np.sqrt((held**2).sum(axis=1))
     direction = held / np.where(need > 0.0, need, 1.0)[:, None]
     across[slides] -= (direction[:, :, None] * direction[:, None, :])[slides]
     slopes = slopes + (share * bristle)[:, None, None] * across
     slopes[slides] += friction * r[slides, None, None] * direction[slides, :, None] * n[slides, None, :]
     return met, share[:, None] * held, slopes
+
+
+def contact_forces(
+    depth: Places, normal: Places, way: Places, rubbed: FloatArray, *, r: FloatArray, bristle: FloatArray,
+    friction: float,
+) -> tuple[Places, Places, Places, Places]:
+    """The law by itself, of complex numbers too: they touch, stick and slide as their real parts do.
+
+    Arguments as of `law`, with depths (n,) m behind what is touched, and its normals (n, 3).
+
+    Returns:
+        (n, 3) N out of it; (n, 3) N what would hold nodes; (n,) N, the first one's size; (n,) the share of the second
+        that friction has.
+    """
+    on = depth.real > 0.0
+    size = np.where(on, r * depth, 0.0)
+    held = rubbed - bristle[:, None] * way
+    held = held - np.einsum("na,na->n", normal, held)[:, None] * normal
+    need, most = np.sqrt(np.einsum("na,na->n", held, held)), friction * size
+    slides = (need.real > most.real) | (friction == 0.0)
+    share = np.where(slides, most / np.where(slides & (need != 0.0), need, 1.0), np.where(on, 1.0, 0.0))
+    return size[:, None] * normal, held, size, share

@@ -15,7 +15,7 @@ from flexmbd.continuum.history.fresh_body import as_fresh
 from flexmbd.continuum.history.nonlinear_model import NonlinearModel
 from flexmbd.continuum.history.tangent_solver import LinearSolver
 from flexmbd.continuum.interior.bonded_nodes import BondedNodes
-from flexmbd.continuum.interior.condensed_newton import CondensedNewton
+from flexmbd.continuum.interior.condensed_part import CondensedPart
 from flexmbd.continuum.interior.face_averages import FaceAverages
 from flexmbd.continuum.interior.frame_response import Condensation, FrameResponse
 from flexmbd.continuum.interior.further_unknowns import owned_further_dofs, with_unit_rows_of_further_unknowns
@@ -42,7 +42,8 @@ class NodalSolution:
         frames: condensation to them.
         fixed: owned dofs that are given where frames are fixed.
         newton: of displacements where those of bonded nodes are given.
-        joint: iterations with the machine's own.
+        part: in iterations with the machine's own.
+        solver: of the linear systems.
         diagonal: (owned nodes * 3,) N/m, of the undeformed body's tangent.
         round_off: N, 2-norm of what rounding leaves of forces.
         mass_size: kg, the same of the mass matrix.
@@ -77,7 +78,12 @@ class NodalSolution:
         self.mass_size = EPSILON * self._M.getDiagonal().norm()
         self.diagonal: FloatArray = places.reshape(-1).copy()
         self.fixed = np.union1d(self._prescribed, body.held_dofs).astype(np.int32)
-        self.joint = CondensedNewton(body, self.frames, self.fixed, solver)
+        self.part, self.solver = CondensedPart(body, self.frames, self.fixed), solver
+
+    @property
+    def felt(self) -> FloatArray:
+        """(owned nodes,) N/m, the stiffness that a node feels with its neighbours held."""
+        return np.asarray(self.diagonal.reshape(-1, 3).mean(axis=1))
 
     def extent_of(self, x: FloatArray) -> float:
         """m, the largest coordinate of the body's nodes on all ranks, x (local nodes, 3) on this one. Collective."""
@@ -94,7 +100,6 @@ class NodalSolution:
     def discard_factors(self) -> None:
         """Forget factors of matrices."""
         self.newton.discard_factor()
-        self.joint.discard()
 
     def solve(
         self, guess: FloatArray, motion: FrameMotion, axes: BodyAxes, equations: StepEquations | RestEquations

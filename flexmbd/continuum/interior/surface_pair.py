@@ -17,12 +17,12 @@ from numpy.typing import NDArray
 
 from flexmbd.continuum.history.body_memory import BodyMemory
 from flexmbd.continuum.history.nonlinear_model import NonlinearModel
+from flexmbd.continuum.interior.facet_places import carried_places
 from flexmbd.continuum.interior.facet_push import push_out
-from flexmbd.continuum.interior.facet_search import FacetSurface, NearFacets, check_same_ranks
+from flexmbd.continuum.interior.facet_search import FacetSurface, NearFacets, check_facets, check_same_ranks
 from flexmbd.continuum.interior.nodal_push import penalty_stiffness
 from flexmbd.continuum.interior.shape_contacts import surface_nodes
 from flexmbd.continuum.interior.touched_frames import refuse_inside
-from flexmbd.errors import SceneError
 from flexmbd.multibody.interiors.touching_interior import FacingSurface
 
 FloatArray = NDArray[np.float64]
@@ -82,11 +82,7 @@ class SurfacePair:
             SceneError: on all ranks: the bodies are on other ranks; facets have nodes beside their corners, or are the
                 edges of a plane body.
         """
-        if facets.body.mesh.dim < 3:
-            raise SceneError(
-                f"contact {given.name!r}: surface {surfaces[FACETS]!r} is of edges of a plane body, which have no "
-                "plane of their own; let its nodes touch facets of a solid, or shapes, or take a layer of solid cells"
-            )
+        check_facets(facets.body, surfaces[FACETS], what=f"contact {given.name!r}")
         check_same_ranks(nodes.body, facets.body, what=f"contact {given.name!r}")
         self.given, self._motions, self._comm = given, (nodes, facets), nodes.body.comm
         self._nodes = surface_nodes(nodes.body, surfaces[NODES])
@@ -210,17 +206,7 @@ class SurfacePair:
         """
         width = self._surface.facets.shape[1]  # what is beyond is a corner again
         nodes = found.nodes[:, :width]
-        corners, mass = x[nodes], self._facet_mass[nodes]
-        centre = np.einsum("nk,nka->na", mass, corners) / mass.sum(axis=1)[:, None]
-        arms = corners - centre[:, None]
-        behind = points[found.points] - np.einsum("nk,nka->na", found.weights[:, :width], corners)
-        square = np.einsum("nk,nka,nka->n", mass, arms, arms)[:, None, None]
-        inertia = square * np.eye(3) - np.einsum("nk,nka,nkb->nab", mass, arms, arms)
-        # the mean rotation by mass, J^-1 sum of m r x du, moves what is behind: a force there has its moment about J
-        turn = np.linalg.solve(inertia[:, None], mass[:, :, None, None] * _products(arms))
-        carry = found.weights[:, :, None, None] * np.eye(3)
-        carry[:, :width] -= _products(behind)[:, None] @ turn
-        return np.asarray(carry)
+        return carried_places(found.weights, points[found.points], x[nodes], self._facet_mass[nodes])
 
     def _went(self, points: FloatArray, x: FloatArray, found: NearFacets, carry: FloatArray) -> FloatArray:
         """(n, 3) m, how far nodes went in the step against the places that go with facets. Collective."""
@@ -245,8 +231,3 @@ class SurfacePair:
         out = np.zeros((len(self._surface.number), values.shape[1]))
         out[self._owned] = values[self._surface.own[self._owned]]
         return np.asarray(sum(self._comm.allgather(out)))
-
-
-def _products(vectors: FloatArray) -> FloatArray:
-    """(..., 3, 3) matrices of the products of vectors (..., 3) with others."""
-    return np.asarray(np.cross(vectors[..., None, :], np.eye(3)).swapaxes(-1, -2), dtype=float)

@@ -31,6 +31,7 @@ from flexmbd.multibody.contact.triangle_surface import TriangleSurface
 from flexmbd.multibody.force.protocol import check_numbers
 from flexmbd.multibody.interiors.scene_interiors import InteriorForce
 from flexmbd.multibody.interiors.touching_interior import (
+    CoupledInterior,
     FacingSurface,
     Obstacle,
     ReducedFacets,
@@ -163,9 +164,8 @@ class NodalContact:
         if not isinstance(facets, SurfaceFacets) or not isinstance(facets.body, ContinuumBody):
             raise SceneError(f"contact {self.name!r} is with no other body with history")
         interior = facets.body.interior
-        return FacingSurface(
-            self.name, told.surface, interior, str(facets.surface), self.law.mu, float(told.penalty or 0.0)
-        )
+        steps = self.law.mu, float(told.penalty or 0.0), told.stiffness_ratio
+        return FacingSurface(self.name, told.surface, interior, str(facets.surface), *steps)
 
 
 def nodal_contacts(
@@ -235,25 +235,37 @@ def interior_forces(bodies: Sequence[ContinuumBody], contacts: Sequence[NodalCon
     Raises:
         SceneError: as ``NodalContact.obstacle`` and ``TouchingInterior``.
     """
-    forces = []
-    facing = [
-        (one.name, (one.nodes.body, one.shape.body)) for one in contacts if isinstance(one.shape, SurfaceFacets)
-    ]
-    for body in bodies:
-        own = [one for one in contacts if one.nodes.body is body]
-        obstacles = tuple(one.obstacle() for one in own if isinstance(one.shape, _TOUCHED))
-        reduced = tuple(one.reduced() for one in own if one.is_with_reduced)
-        if isinstance(body.interior, TouchingInterior):
-            body.interior.meet(obstacles)
-        if isinstance(body.interior, ReducedTouchingInterior):
-            body.interior.meet_reduced(reduced)
-        pairs = tuple(name for name, both in facing if body in both and isinstance(both[1], ContinuumBody))
-        forces.append(InteriorForce(body, obstacles, reduced, pairs))
+    alone = {id(body.interior): InteriorForce(body, *_met(body, contacts)) for body in bodies}
     for one in contacts:
         interior = one.nodes.body.interior
         if one.is_with_other and isinstance(interior, TouchingInterior):
             interior.face(one.facing())
+    forces = []
+    for body in bodies:
+        own, interior = alone[id(body.interior)], body.interior
+        pairs = tuple(
+            one.name
+            for one in contacts
+            if one.is_with_other and isinstance(one.shape, SurfaceFacets) and body in (one.nodes.body, one.shape.body)
+        )
+        others = interior.beside if isinstance(interior, CoupledInterior) else ()
+        beside = tuple(frame for one in others for frame in alone[id(one)].frames)
+        forces.append(InteriorForce(body, own.obstacles, own.reduced, pairs, beside))
     return forces
+
+
+def _met(
+    body: ContinuumBody, contacts: Sequence[NodalContact]
+) -> tuple[tuple[Obstacle, ...], tuple[ReducedFacets, ...]]:
+    """The shapes and reduced bodies that a body touches, of which its interior is told."""
+    own = [one for one in contacts if one.nodes.body is body]
+    obstacles = tuple(one.obstacle() for one in own if isinstance(one.shape, _TOUCHED))
+    reduced = tuple(one.reduced() for one in own if one.is_with_reduced)
+    if isinstance(body.interior, TouchingInterior):
+        body.interior.meet(obstacles)
+    if isinstance(body.interior, ReducedTouchingInterior):
+        body.interior.meet_reduced(reduced)
+    return obstacles, reduced
 
 
 def _facing(nodes: Nodes, facets: SurfaceFacets, law: Hard, known: Sequence[NodalContact]) -> NodalContact:

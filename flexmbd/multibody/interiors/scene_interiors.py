@@ -44,18 +44,21 @@ class InteriorForce(OffJoints):
         obstacles: rigid shapes that its surfaces touch, on whose frames it exerts wrenches as well.
         reduced: surfaces of reduced bodies that they touch, likewise.
         pairs: names of its contacts with other bodies with history.
+        beside: frames of bodies that are solved for with it (`CoupledInterior`), on which it exerts none.
     """
 
     body: ContinuumBody
     obstacles: tuple[Obstacle, ...] = ()
     reduced: tuple[ReducedFacets, ...] = ()
     pairs: tuple[str, ...] = ()
+    beside: tuple[Frame, ...] = ()
 
     @property
     def frames(self) -> tuple[Frame, ...]:
-        """The interface frames, those of the obstacles, and those of reduced bodies."""
+        """The interface frames, those of the obstacles, those of reduced bodies, and those of bodies beside it."""
         own = (self.body.frame(frame.name) for frame in self.body.interior.frames)
-        return (*own, *(one.frame for one in self.obstacles), *(frame for one in self.reduced for frame in one.frames))
+        touched = (*(one.frame for one in self.obstacles), *(frame for one in self.reduced for frame in one.frames))
+        return (*own, *touched, *self.beside)
 
     def check(self) -> None:
         """Nothing to check: the body was when it was made."""

@@ -53,7 +53,8 @@ class FacingSurface:
         surface: the group of facets whose nodes touch it.
         other: the interior of the other body.
         facets: the group of its facets that they touch.
-        friction, penalty: as of an `Obstacle`.
+        friction, penalty, stiffness_ratio: as of an `Obstacle`; the last one over what a node and the facets feel in
+            series.
     """
 
     name: str
@@ -62,6 +63,7 @@ class FacingSurface:
     facets: str
     friction: float
     penalty: float
+    stiffness_ratio: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,6 +135,19 @@ class ReducedTouchingInterior(TouchingInterior, Protocol):
 
     def meet_reduced(self, surfaces: Sequence[ReducedFacets]) -> None:
         """Take these surfaces, after `meet`, and no others.  Collective."""
+
+
+@runtime_checkable
+class CoupledInterior(TouchingInterior, Protocol):
+    """An interior that is solved for together with those that it faces, and with those that these face."""
+
+    @property
+    def beside(self) -> tuple[Interior, ...]:
+        """The others.
+
+        Their frames, each one's with those of what it touches, follow its own and those of what it touches, one body's
+        after the other's; its wrenches on them are zero, its own ones have derivatives by their motions.
+        """
 
 
 @runtime_checkable

@@ -1,0 +1,137 @@
+"""One body's part in Newton's iteration of nodes within the machine's: where its nodes go with the frames."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from petsc4py import PETSc
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexmbd.continuum.history.displacement_newton import LinearConstraints
+from flexmbd.continuum.history.nonlinear_model import NonlinearModel
+from flexmbd.continuum.interior.frame_response import Condensation
+from flexmbd.continuum.interior.further_unknowns import kinds_of_unknowns
+from flexmbd.continuum.interior.step_equations import StepEquations
+from flexmbd.multibody.bodies.continuum_body import FrameMotion
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Trial:
+    """Equations of a body at a step's end, with the frames' motion there, and those of what it touches."""
+
+    equations: StepEquations
+    motion: FrameMotion
+
+
+class CondensedPart:
+    """The nodes of a body, and its tangent.
+
+    Attributes:
+        body: the body.
+        frames: condensation to its frames.
+        bonds: its nodes on these.
+        prescribed: owned dofs that move with rigid frames, or never.
+        kinds: owned dofs of each kind of unknown.
+    """
+
+    def __init__(self, body: NonlinearModel, frames: Condensation, prescribed: NDArray[np.int32]) -> None:
+        """Nothing is computed yet."""
+        self.body, self.frames, self.prescribed, self.bonds = body, frames, prescribed, frames.bonds
+        self.kinds = kinds_of_unknowns(body)
+        self._held = self.bonds.nodes[~self.bonds.averaged]
+        self._vector = body.vector()
+        self.tangent: PETSc.Mat = PETSc.Mat()  # with its rows of nodes on frames; no handle before the first
+
+    def begun(self, trial: Trial) -> tuple[FloatArray, FloatArray, LinearConstraints | None]:
+        """Where a step begins: from the last accepted state, in which no material is led astray. Collective.
+
+        Returns:
+            (owned dofs,) m, how nodes on frames jump; (owned dofs,) N, the inertia that a tangent makes of it and that
+            they have not, as they have their frames' accelerations; and the constraints of averaged frames.
+        """
+        body, equations, motion = self.body, trial.equations, trial.motion
+        places = equations.axes.increment(self.bonds.positions(motion), self.bonds.nodes)
+        constraints = self.frames.averages.constraints(motion, equations.axes.R, displacement=places)
+        jump = np.zeros_like(body.layout.node_x)
+        jump[self._held] = places[~self.bonds.averaged]
+        jumped = body.layout.at_dofs(jump[: body.layout.n_owned_nodes], owned=True)
+        own = self.bonds.turns.own
+        jumped[self.bonds.turns.dofs[own]] = self._turned(trial)[own]
+        inertia = body.layout.at_dofs(self.frames.product(jump), owned=True) / equations.step.per_x
+        return jumped, inertia, constraints
+
+    def placed(
+        self, trial: Trial, increment: FloatArray, change: FloatArray
+    ) -> tuple[FloatArray, LinearConstraints | None]:
+        """An increment (local dofs,) m and its change (owned dofs,), with held nodes exactly on frames. Collective.
+
+        Returns:
+            (local dofs,) m; and the constraints of averaged frames, which are met but for second order.
+        """
+        axes, bonds, motion = trial.equations.axes, self.bonds, trial.motion
+        increment = self.with_ghosts(increment, change)
+        layout = self.body.layout
+        places = axes.increment(bonds.positions(motion), bonds.nodes)
+        gap = places - layout.displacements(increment)[bonds.nodes]
+        increment[layout.displacement_dofs[self._held]] = places[~bonds.averaged]
+        increment[bonds.turns.dofs] = self._turned(trial)
+        return increment, self.frames.averages.constraints(motion, axes.R, displacement=gap)
+
+    def _turned(self, trial: Trial) -> FloatArray:
+        """(m,) how far unknowns that turn with frames have turned since the last accepted step."""
+        turns = self.bonds.turns
+        if not turns.any:
+            return np.zeros(0)
+        return turns.values(trial.motion.R, trial.equations.axes.R) - self.body.displacement[turns.dofs]
+
+    def keep(self, matrix: PETSc.Mat) -> None:
+        """Keep a copy of the tangent. Collective."""
+        if not self.tangent.handle:
+            self.tangent = matrix.copy()
+            self._products = self.tangent.createVecs()
+        else:
+            matrix.copy(self.tangent, PETSc.Mat.Structure.SAME_NONZERO_PATTERN)
+
+    def begun_tangent(self, per_x: float, kept_per_x: float) -> PETSc.Mat:
+        """The kept tangent for a step of another length: the stiffness as it was. Collective."""
+        matrix = self.tangent.copy()
+        matrix.axpy(1.0 / per_x - 1.0 / kept_per_x, self.frames.mass, PETSc.Mat.Structure.SUBSET_NONZERO_PATTERN)
+        return matrix
+
+    def product(self, change: FloatArray) -> FloatArray:
+        """The kept tangent, with its rows of nodes on frames, times a displacement (owned dofs,). Collective."""
+        right, left = self._products
+        right.array[:] = change
+        self.tangent.mult(right, left)
+        return np.asarray(left.array_r.copy())
+
+    def with_ghosts(self, increment: FloatArray, change: FloatArray) -> FloatArray:
+        """(local dofs,) an increment and a change of the owned dofs. Collective."""
+        vector = self._vector
+        vector.array[: self.body.n_owned] = increment[: self.body.n_owned] + change
+        vector.scatter_forward()
+        return np.asarray(vector.array.copy())
+
+    def without_constraint_forces(self, residual: FloatArray, constraints: LinearConstraints | None) -> FloatArray:
+        """The residual on the nodes that no frame holds, less the forces that keep the constraints. Collective."""
+        free = residual.copy()
+        if constraints is not None:
+            along = self.bonds.total(np.asarray(constraints.columns.T @ residual))
+            free -= constraints.columns @ along
+        free[self.prescribed] = 0.0
+        return free
+
+    def small_motions(self, start: FrameMotion, trial: Trial) -> FloatArray:
+        """(6 k,) displacement of the frames' origins and their rotation vectors since ``start``, in the body's axes."""
+        end, R = trial.motion, trial.equations.axes.R
+        turns = end.R @ start.R.transpose(0, 2, 1)
+        pairs = (1, 2), (2, 0), (0, 1)
+        sines: FloatArray = 0.5 * np.stack([turns[:, k, j] - turns[:, j, k] for j, k in pairs], axis=1)
+        sine = np.sqrt((sines**2).sum(axis=1))
+        angle = np.arctan2(sine, 0.5 * (turns[:, 0, 0] + turns[:, 1, 1] + turns[:, 2, 2] - 1.0))
+        vectors = sines * (angle / np.where(sine > 0.0, sine, 1.0))[:, None]
+        return np.hstack([(end.p - start.p) @ R, vectors @ R]).reshape(-1)
