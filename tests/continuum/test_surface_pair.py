@@ -7,7 +7,7 @@ import pytest
 
 import flexmbd as fm
 from flexmbd import meshes
-from flexmbd.continuum import ExplicitContinuum, ImplicitContinuum, Interface, MpiTeam, NonlinearModel
+from flexmbd.continuum import ExplicitContinuum, Interface, MpiTeam, NonlinearModel
 from flexmbd.continuum.interior.facet_search import FacetSurface
 from flexmbd.errors import SceneError
 from flexmbd.forms import hencky_plasticity, j2_plasticity
@@ -179,13 +179,3 @@ def test_wrong_pairs_are_refused():
     overlapped = Stack((1, 1), gap=-0.01).let_fly(np.zeros(3))
     with pytest.raises(SceneError, match=r"z_min on lower\.z_max.*begins 0\.01 m inside"):
         overlapped.scene.simulate(1e-3, integrator=EXPLICIT)
-    scene = fm.System()
-    bodies = []
-    for z, face in ((0.1, "z_max"), (0.0, "z_min")):
-        interior = ImplicitContinuum(model(1, face))
-        bodies.append(scene.add(fm.ContinuumBody(interior), name=face))
-        at = scene.ground.frame(p=interior.frames[0].p_BI_B + np.array([0.0, 0.0, z]))
-        scene.connect(fm.joint.Fixed(), at, bodies[-1].frame(face))
-    scene.touch(fm.contact.Nodes(bodies[0], "z_min"), fm.contact.SurfaceFacets(bodies[1], "z_max"), hard)
-    with pytest.raises(SceneError, match="explicit steps alone"):
-        scene.simulate(1e-3)

@@ -16,6 +16,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 from petsc4py import PETSc
 
@@ -294,7 +295,7 @@ class CondensedNewton:
         acting = self._facing.moved(found.facing, self._unknowns.split(self._coupled(change)), axes)
         columns = [one.columns(force) for one, force in zip(corrected, acting, strict=True)]
         ends = np.cumsum([0, *(len(one.carried) for one in columns)])
-        spans = [slice(int(first), int(last)) for first, last in zip(ends[:-1], ends[1:], strict=True)]
+        spans = [slice(int(first), int(last)) for first, last in pairwise(ends)]
         left, kept, ways = np.zeros((3, self._unknowns.size, int(ends[-1])))
         for part, one, mine, span in zip(self._parts, columns, self._unknowns.slices, spans, strict=True):
             left[mine, span], kept[mine, span] = one.left, one.kept
@@ -344,7 +345,7 @@ class CondensedNewton:
         return np.concatenate([part.product(rows) for part, rows in own]) + self._coupled(change)
 
     def _coupled(self, block: FloatArray) -> FloatArray:
-        """What contacts between the bodies add to the last tangent, times (owned dofs,) or (owned dofs, k). Collective."""
+        """What contacts of the bodies add to the last tangent, times (owned dofs,) or (owned dofs, k). Collective."""
         if self._coupling is None:
             return np.zeros_like(block)
         return multiply(self._coupling, block.reshape(len(block), -1)).reshape(block.shape)

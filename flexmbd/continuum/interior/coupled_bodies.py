@@ -165,8 +165,8 @@ class CoupledBodies:
                 before = found.correction
             names = ", ".join(map(repr, self.facing.names))
             raise ConvergenceError(
-                f"bodies that touch each other ({names}) were not solved for in {_MOST} iterations; the last correction "
-                f"is {found.correction:.1e} of what they hold; take a smaller step"
+                f"bodies that touch each other ({names}) were not solved for in {_MOST} iterations; the last "
+                f"correction is {found.correction:.1e} of what they hold; take a smaller step"
             )
 
         found = self._answer(member, self._ask(member, (t_end, h, scheme, ()), motions, compute))

@@ -77,12 +77,17 @@ class FacingContacts:
             there = touch.gathered(owned).astype(np.int64)
             found.append(Facing(touch, nodes, facets, dofs[nodes][touch.nodes], there, np.zeros((2, 2))))
         self.contacts: tuple[Facing, ...] = tuple(found)
-        self._now: list[FacingState | None] = [None] * len(found)
+        self._now: dict[int, FacingState] = {}  # those that have begun
 
     @property
     def names(self) -> list[str]:
         """Of the contacts."""
         return [one.touch.given.name for one in self.contacts]
+
+    def stiffness(self, body: int) -> float:
+        """N/m, 2-norm of that of the contacts of a body."""
+        of = (one for one in self.contacts if body in (one.nodes, one.facets))
+        return float(np.linalg.norm([one.touch.stiffness for one in of]))
 
     def begin(self, body: int, places: Mapping[int, tuple[FloatArray, BodyAxes]], sizes: Mapping[int, float]) -> None:
         """A body begins anew: its contacts with those that have begun, at places (nodes, 3) m, have not touched yet.
@@ -95,7 +100,8 @@ class FacingContacts:
         for k, one in enumerate(self.contacts):
             if body not in (one.nodes, one.facets):
                 continue
-            one.works[:], self._now[k] = 0.0, None
+            one.works[:] = 0.0
+            self._now.pop(k, None)
             one.touch.forget()
             if one.nodes in places and one.facets in places:
                 (x, _), (others, axes) = places[one.nodes], places[one.facets]
@@ -105,21 +111,20 @@ class FacingContacts:
     def evaluate(self, places: Sequence[FloatArray], axes: Sequence[BodyAxes]) -> FacingForces:
         """Forces with all bodies' nodes at places (local nodes, 3) m, and their axes. Collective."""
         found = []
-        for one, before in zip(self.contacts, self._now, strict=True):
+        for k, one in enumerate(self.contacts):
             of = axes[one.facets]
-            assert before is not None
-            found.append(one.touch.evaluate(places[one.nodes], places[one.facets], of.p, of.R, before))
+            found.append(one.touch.evaluate(places[one.nodes], places[one.facets], of.p, of.R, self._now[k]))
         states = tuple(state for state, _ in found)
-        return FacingForces(states, tuple(points for _, points in found), tuple(self._on_bodies(states)))
+        on_bodies = self._on_bodies(dict(enumerate(states)))
+        return FacingForces(states, tuple(points for _, points in found), tuple(on_bodies))
 
-    def _on_bodies(self, states: Sequence[FacingState | None]) -> list[FloatArray]:
+    def _on_bodies(self, states: Mapping[int, FacingState]) -> list[FloatArray]:
         """(owned nodes, 3) N on each."""
         out = [np.zeros((body.layout.n_owned_nodes, 3)) for body in self._bodies]
-        for one, state in zip(self.contacts, states, strict=True):
-            if state is not None:
-                own = one.touch.owned
-                out[one.nodes][one.touch.nodes] += state.on_nodes.sum(axis=0)
-                out[one.facets][one.touch.surface.own[own]] += state.on_facets.sum(axis=0)[own]
+        for k, state in sorted(states.items()):
+            one, own = self.contacts[k], self.contacts[k].touch.owned
+            out[one.nodes][one.touch.nodes] += state.on_nodes.sum(axis=0)
+            out[one.facets][one.touch.surface.own[own]] += state.on_facets.sum(axis=0)[own]
         return out
 
     def slopes(self, forces: FacingForces, axes: Sequence[BodyAxes]) -> PETSc.Mat | None:
@@ -189,7 +194,6 @@ class FacingContacts:
         """Make a tried step's end the accepted one. Collective."""
         for k, (one, after) in enumerate(zip(self.contacts, forces.states, strict=True)):
             before = self._now[k]
-            assert before is not None
             ways = [0.5 * (end - start) for start, end in zip(before.x, after.x, strict=True)]
             on_nodes = np.einsum("na,tna->t", ways[0], before.on_nodes + after.on_nodes)
             on_facets = np.einsum("na,tna->t", ways[1], before.on_facets + after.on_facets)
@@ -209,9 +213,8 @@ class FacingContacts:
     def pushed(self, body: int) -> list[tuple[IntArray, FloatArray]]:
         """Owned nodes of a body on surfaces that touch, and sizes (n,) N of normal forces there."""
         found = []
-        for one, state in zip(self.contacts, self._now, strict=True):
-            assert state is not None
-            own = one.touch.owned
+        for k, state in self._now.items():
+            one, own = self.contacts[k], self.contacts[k].touch.owned
             if one.nodes == body:
                 found.append((one.touch.nodes, np.linalg.norm(state.met, axis=1)))
             if one.facets == body:
@@ -221,22 +224,25 @@ class FacingContacts:
     def resultants(self, body: int) -> dict[str, FloatArray]:
         """(3,) N by name, on a body in the accepted state. Collective where there are some."""
         found = {}
-        for one, state in zip(self.contacts, self._now, strict=True):
-            if body in (one.nodes, one.facets) and state is not None:
+        for k, state in self._now.items():
+            one = self.contacts[k]
+            if body in (one.nodes, one.facets):
                 on_facets = state.on_facets.sum(axis=(0, 1))
                 found[one.touch.given.name] = on_facets if one.facets == body else -on_facets
         return found
 
     def works(self, body: int) -> FloatArray | None:
         """(2,) J, what contact and friction did on a body; None of one that touches no other."""
-        found = [one.works[row] for one in self.contacts for row, of in enumerate((one.nodes, one.facets)) if of == body]
+        found = [one.works[0] for one in self.contacts if one.nodes == body]
+        found += [one.works[1] for one in self.contacts if one.facets == body]
         return np.asarray(sum(found)) if found else None
 
     def snapshot(self, body: int, memory: BodyMemory) -> dict[str, FloatArray]:
         """Copies of what contacts of a body's nodes remember, of the whole body. Collective."""
         kept: dict[str, FloatArray] = {}
-        for k, (one, state) in enumerate(zip(self.contacts, self._now, strict=True)):
-            if one.nodes == body and state is not None:
+        for k, state in self._now.items():
+            one = self.contacts[k]
+            if one.nodes == body:
                 values = np.zeros((self._bodies[body].layout.n_owned_nodes, 9))
                 values[one.touch.nodes] = np.hstack([state.y, state.met, state.rubbed])
                 kept[f"facing {k}"] = memory.gather_nodes(values)

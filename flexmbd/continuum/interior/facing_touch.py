@@ -120,6 +120,7 @@ class FacingTouch:
         nodes: (n,) this rank's nodes.
         surface: the facets.
         owned: rows of the facets' nodes that this rank owns.
+        stiffness: N/m, 2-norm of that of all nodes.
     """
 
     def __init__(
@@ -143,6 +144,7 @@ class FacingTouch:
         self.owned = np.flatnonzero(self.surface.own >= 0)
         of_facets = 1.0 / self.gathered(felt[1][:, None])[:, 0].mean()
         self._felt: FloatArray = 1.0 / (1.0 / felt[0][self.nodes] + of_facets)
+        self.stiffness = float(nodes.norm(given.stiffness_ratio * self._felt))
         self._kept = KeptFacets(self.surface)
 
     def gathered(self, values: FloatArray) -> FloatArray:

@@ -201,7 +201,7 @@ class Condensation:
         slopes: tuple[float, float],
         touched: TouchedNodes | None,
     ) -> FrameColumns:
-        """What unit motions of the frames, and of those of touched bodies, do where other nodes go with the body's axes.
+        """What unit motions of frames, those of touched bodies too, do where other nodes go with the body's axes.
 
         Arguments as of `condense`; ``dead_load`` is all that acts and does not turn with the body, but ``touched``.
         """

@@ -48,6 +48,7 @@ from flexmbd.multibody.interiors.observed import InteriorFields, InteriorMesh
 from flexmbd.multibody.interiors.steady import InteriorModes, LinearInterior
 from flexmbd.multibody.interiors.time_factor import TimeFactor
 from flexmbd.multibody.interiors.touching_interior import FacingSurface, Obstacle, ReducedFacets
+from flexmbd.round_off import EPSILON
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -334,8 +335,8 @@ class ImplicitContinuum:
         other = facing.other
         if not isinstance(other, ImplicitContinuum):
             raise SceneError(
-                f"contact {facing.name!r}: surfaces of two bodies with history touch where both step alike, both of them "
-                f"ImplicitContinuum or ExplicitContinuum; the other's interior is {type(other).__name__}"
+                f"contact {facing.name!r}: surfaces of two bodies with history touch where both step alike, both of "
+                f"them ImplicitContinuum or ExplicitContinuum; the other's interior is {type(other).__name__}"
             )
         for one in (self, other):
             one._refuse_loads({facing.name})
@@ -371,8 +372,12 @@ class ImplicitContinuum:
             if now.h > 0.0:
                 now = replace(now, auxiliary=scheme.carry(now.auxiliary, h, now.h, now.a))
             nodes = self.nodes
+            extent, facing = nodes.extent_of(now.x), self.coupled.facing.stiffness(self.coupled.row(self))
+            touch = float(np.hypot(self._contacts.stiffness, facing))
             # accelerations are differences of places over the square of the step
-            round_off = max(nodes.round_off, nodes.mass_size * nodes.extent_of(now.x) / scheme.slopes(h)[0])
+            round_off = max(
+                nodes.round_off, nodes.mass_size * extent / scheme.slopes(h)[0], EPSILON * touch * extent
+            )
             factors = self._loads.factors_before(t_end)
             self._step = step = TriedStep(t_end, h, scheme, now, factors, self._gravity, round_off)
         return step

@@ -29,6 +29,7 @@ class ImplicitContacts:
 
     Attributes:
         touches: them.
+        stiffness: N/m, 2-norm of that of all nodes' contacts.
         works: (2,) J, this rank's part of what contact and friction did along the ways of nodes on what they touch.
     """
 
@@ -53,6 +54,8 @@ class ImplicitContacts:
         touched: list[Obstacle | ReducedFacets] = [*self.obstacles, *surfaces]
         self._nodes = [surface_nodes(body, one.surface) for one in touched]
         self._felt: FloatArray = stiffness.reshape(-1, 3).mean(axis=1)
+        own = [one.stiffness_ratio * self._felt[nodes] for one, nodes in zip(touched, self._nodes, strict=True)]
+        self.stiffness = float(body.norm(np.concatenate([np.zeros(0), *own])))
         self._now: tuple[TouchedState, ...] = ()
         self.works: FloatArray = np.zeros(2)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import pairwise
 from typing import Protocol
 
 from petsc4py import PETSc
@@ -30,7 +31,7 @@ class JoinedUnknowns:
     def __init__(self, parts: Sequence[CondensedPart]) -> None:
         """Of these bodies."""
         ends = np.cumsum([0, *(part.body.n_owned for part in parts)])
-        self.slices = [slice(int(first), int(last)) for first, last in zip(ends[:-1], ends[1:], strict=True)]
+        self.slices = [slice(int(first), int(last)) for first, last in pairwise(ends)]
         self.size = int(ends[-1])
         self.prescribed = np.concatenate(
             [first + part.prescribed.astype(np.int64) for first, part in zip(ends[:-1], parts, strict=True)]
@@ -97,7 +98,7 @@ class CoupledFactor:
     def __init__(self, parts: Sequence[CondensedPart], unknowns: JoinedUnknowns) -> None:
         """Nothing is computed yet."""
         self._comm, self._unknowns = parts[0].body.comm, unknowns
-        self._ksp: PETSc.KSP | None = None
+        self._ksp: PETSc.KSP = PETSc.KSP()  # no handle before the first
         self._matrix: PETSc.Mat = PETSc.Mat()
 
     def take(self, matrices: Sequence[PETSc.Mat], coupling: PETSc.Mat | None) -> None:
@@ -126,7 +127,7 @@ class CoupledFactor:
         free[self._unknowns.prescribed] = 0.0
         right = to_dense(self._comm, free)
         left = right.duplicate()
-        self._factor.matSolve(right, left)
+        self._ksp.getPC().getFactorMatrix().matSolve(right, left)
         solution = from_dense(left)
         left.destroy()
         right.destroy()
@@ -138,12 +139,6 @@ class CoupledFactor:
 
     def discard(self) -> None:
         """See `JoinedFactor`."""
-        if self._ksp is not None:
+        if self._ksp.handle:
             self._ksp.destroy()
             self._matrix.destroy()
-        self._ksp = None
-
-    @property
-    def _factor(self) -> PETSc.Mat:
-        assert self._ksp is not None
-        return self._ksp.getPC().getFactorMatrix()
