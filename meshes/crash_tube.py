@@ -62,6 +62,8 @@ def crash_tube(
             raise MeshError(f"wall must be below half the width, {width / 2:g} m, got {wall:g}")
         if not (fold <= length and dent < wall):
             raise MeshError(f"fold must be up to the length and dent below the wall, got {fold:g} and {dent:g} m")
+        if not isinstance(mitred, bool):
+            raise MeshError(f"mitred must be True or False, got {mitred!r}")
         if mitred and not (width - wall) / divisions[0] > wall:
             raise MeshError(
                 f"{divisions[0]} cells along half a side of {width / 2:g} m are too short for the mitred corner of a "
