@@ -89,7 +89,7 @@ class JoinedSurfaces:
                 if isinstance(one, ElasticSurface):
                     pair[side] = next(k for k, body in enumerate(self.bodies) if body is one.body)
                     places[side] = behind + len(listed)
-                    listed += np.searchsorted(self.patches[pair[side]], one.patches).tolist()
+                    listed.extend(map(int, np.searchsorted(self.patches[pair[side]], one.patches)))
             of_members.append([*pair, *places])
         return np.concatenate([np.ravel(np.array(part, float)) for part in (head, of_members, of_bodies, listed)])
 

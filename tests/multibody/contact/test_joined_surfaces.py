@@ -167,5 +167,5 @@ def test_surfaces_by_parts_are_as_one():
         for pair, met in zip(pairs, bearing(scene, pairs), strict=True):
             force[pair.surface.patches] = met.normal_force[0]
         found.append(force)
-    assert (found[0] > 0.0).sum() > 4
+    assert (found[0] > 0.0).sum() > 2
     np.testing.assert_allclose(found[1], found[0], atol=1e-11 * found[0].max())
