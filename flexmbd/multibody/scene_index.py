@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, MutableMapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import repeat
-from typing import Any, Generic, Protocol, TypeVar
+from typing import Any, Generic, NamedTuple, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -137,8 +137,7 @@ class ForceRows:
     elements: range
 
 
-@dataclass(frozen=True)
-class JoinedPlace:
+class JoinedPlace(NamedTuple):
     """Where the numbers of a group of forces stand that act together, and which of them a force is.
 
     Attributes:

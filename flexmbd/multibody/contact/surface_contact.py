@@ -176,10 +176,10 @@ class SurfaceContact(BetweenFrames, WithSharedNumbers):
         else:
             law = self.law.stiffness(self.curved, radius, self.what), self.law.exponent
         shape = placed_numbers(self.shape, table)
-        group = table.joined()
+        group, number, together = table.joined()
         other = places[1] if len(places) > 1 else -1.0
-        data = table.numbers([places[0], *shape, radius, mu, other, *law, group.place, group.number])
-        kind, count, memory, scratch = ELASTIC_SURFACE, 0, -1, max(self.own_scratch, group.scratch)
+        data = table.numbers([places[0], *shape, radius, mu, other, *law, group, number])
+        kind, count, memory, scratch = ELASTIC_SURFACE, 0, -1, max(self.own_scratch, together)
         if mu > 0.0:
             own, sizes = self._sizes
             kind, count = ROUGH_SURFACE, PATCH_MEMORY * own[0]

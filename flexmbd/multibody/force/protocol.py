@@ -24,7 +24,6 @@ from flexmbd.multibody.kane.bearing import Bearing
 from flexmbd.multibody.kane.inertia import UserBody
 from flexmbd.multibody.kernels.elements.element import ElementKind, PairsElement
 from flexmbd.multibody.motion.machine import Machine, WrenchSource
-from flexmbd.multibody.scene_index import JoinedPlace
 
 FloatArray = NDArray[np.float64]
 #: The number of a switch by its side, t (s), x (nx,), v (nv,).
@@ -97,8 +96,11 @@ class ElementTable(Protocol):
             SceneError: a force that varies would read others than the scene was compiled with.
         """
 
-    def joined(self) -> JoinedPlace:
-        """Where the group of the force at hand stands, which acts together with others."""
+    def joined(self) -> tuple[int, int, int]:
+        """Where in ``Plan.data`` the group of the force at hand begins, which acts together with others, -1 of none.
+
+        Then which of them it is, and how many numbers of ``Work.generalized`` the group needs.
+        """
 
     def time(self, function: TimeFunction, what: str, *, rate: bool = False) -> int:
         """Row of ``Plan.times``; ``what`` is its name in messages, ``rate`` says whether its rate is needed too."""
