@@ -114,7 +114,7 @@ def test_a_free_body_flies_with_a_frame_at_its_centre_of_mass(tmp_path):
     # angular momentum about the centre: of the nodes, and of the little mass that they lend the frame
     frame, w = interior.frames[0], run.angular_velocity(centre)[-1]
     state, n = interior._state, interior.body.layout.n_owned_nodes
-    momenta = interior.nodes.inertia(state.v - run.velocity(centre)[-1]).reshape(-1, 3)
+    momenta = interior._nodes.inertia(state.v - run.velocity(centre)[-1]).reshape(-1, 3)
     own = np.cross(state.x[:n] - run.position(centre)[-1], momenta).sum(axis=0)
     R = run.rotation(centre)[-1]
     now = np.asarray(sum(COMM.allgather(own))) + R @ frame.inertia @ R.T @ w

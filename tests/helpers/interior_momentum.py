@@ -16,7 +16,7 @@ def _of_nodes(interior):
     if isinstance(interior, ExplicitContinuum):
         return interior.motion.momentum(np.zeros(3))[:3]
     state, bonds = interior._state, interior._bonds
-    whole = interior.nodes.inertia(state.v).reshape(-1, 3).sum(axis=0)
+    whole = interior._nodes.inertia(state.v).reshape(-1, 3).sum(axis=0)
     mine = bonds.own & ~bonds.averaged
     bonded = (bonds.mass[mine, None] * state.v[bonds.nodes[mine]]).sum(axis=0)
     return np.asarray(sum(interior.body.comm.allgather(whole - bonded)))

@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 from flexmbd.continuation.line_search import ShareTrial, by_work, searched
 from flexmbd.continuum.history.displacement_newton import NO_FORCES, TRIALS, WORK_RATIO, LinearConstraints
 from flexmbd.continuum.history.tangent_solver import LinearSolver
-from flexmbd.continuum.interior.condensed_part import CondensedPart, Trial
+from flexmbd.continuum.interior.condensed_part import BodyTrial, CondensedPart
 from flexmbd.continuum.interior.facing_contacts import FacingContacts, FacingForces
 from flexmbd.continuum.interior.frame_response import FrameColumns
 from flexmbd.continuum.interior.joined_unknowns import CoupledFactor, JoinedFactor, JoinedUnknowns, OwnFactor
@@ -61,7 +61,7 @@ class _KeptTangent:
 
 
 @dataclass(frozen=True, eq=False)
-class _Found:
+class _TriedPlace:
     """A place that is tried.
 
     Attributes:
@@ -149,7 +149,7 @@ class CondensedNewton:
         self._last = self._kept = None
         self._linear.discard()
 
-    def iterate(self, trials: Sequence[Trial], *, energy: float, tolerance: float, renew: bool) -> Condensed:
+    def iterate(self, trials: Sequence[BodyTrial], *, energy: float, tolerance: float, renew: bool) -> Condensed:
         """Go to a motion of the frames, linearise there. Collective.
 
         Args:
@@ -186,14 +186,14 @@ class CondensedNewton:
         self._last = _Iterate(found.increments, change, work, motions, norm, last.first)
         return Condensed(wrenches, slopes, size, found.increments, found.facing)
 
-    def _predict(self, trials: Sequence[Trial], *, renew: bool) -> Condensed:
+    def _predict(self, trials: Sequence[BodyTrial], *, renew: bool) -> Condensed:
         """The first iteration: linear from the last accepted state. Collective."""
         kept, parts, per_x = self._kept, self._parts, trials[0].equations.step.per_x
         begun = [part.begun(one) for part, one in zip(parts, trials, strict=True)]
-        increments = [np.zeros(part.body.layout.n_local) for part in parts]
+        increments: list[FloatArray] = [np.zeros(part.body.layout.n_local) for part in parts]
         balance, facing = self._residual(trials, increments)
         constraints = self._unknowns.constraints([found for *_, found in begun])
-        found = _Found(increments, constraints, balance, balance, facing)
+        found = _TriedPlace(increments, constraints, balance, balance, facing)
         fresh = renew or kept is None or kept.per_x != per_x
         if fresh and kept is not None:
             self._factor(trials, found, [part.begun_tangent(per_x, kept.per_x) for part in parts])
@@ -202,14 +202,14 @@ class CondensedNewton:
         jumped, inertia = (np.concatenate(several) for several in list(zip(*begun, strict=True))[:2])
         residual = balance + self._product(jumped) - inertia
         left = self._without_constraint_forces(residual, [found for *_, found in begun])
-        found = _Found(increments, constraints, residual, left, facing)
+        found = _TriedPlace(increments, constraints, residual, left, facing)
         change, forces, norm = self._correction(found)
         change, residual = change + jumped, residual + forces
         wrenches, slopes = self._response(trials, found, change, residual, fresh=fresh)
         self._last = _Iterate(increments, change, 0.0, [one.motion for one in trials], norm, norm)
         return Condensed(wrenches, slopes, _UNKNOWN, increments, facing)
 
-    def _residual(self, trials: Sequence[Trial], increments: list[FloatArray]) -> tuple[FloatArray, FacingForces]:
+    def _residual(self, trials: Sequence[BodyTrial], increments: list[FloatArray]) -> tuple[FloatArray, FacingForces]:
         """(owned dofs,) N at increments (local dofs,) m of each body, and the contacts there. Collective."""
         residuals = [one.equations.residual(y) for one, y in zip(trials, increments, strict=True)]
         axes = [one.equations.axes for one in trials]
@@ -217,14 +217,14 @@ class CondensedNewton:
         acting = zip(residuals, axes, facing.on_bodies, strict=True)
         return np.concatenate([part - one.to_body(force) for part, one, force in acting]), facing
 
-    def _search(self, trials: Sequence[Trial], last: _Iterate) -> _Found:
+    def _search(self, trials: Sequence[BodyTrial], last: _Iterate) -> _TriedPlace:
         """Go along the last correction until what is out of balance does less work on it. Collective."""
 
-        def trial(share: float) -> ShareTrial[_Found]:
+        def trial(share: float) -> ShareTrial[_TriedPlace]:
             increments, constraints = self._placed(trials, last, share)
             balance, facing = self._residual(trials, increments)
             left = self._without_constraint_forces(balance, constraints)
-            found = _Found(increments, self._unknowns.constraints(constraints), balance, left, facing)
+            found = _TriedPlace(increments, self._unknowns.constraints(constraints), balance, left, facing)
             if not last.work:  # nothing to compare: the step is taken
                 return ShareTrial(found, share, 0.0)
             work = self._total(float(last.change @ left))
@@ -233,7 +233,7 @@ class CondensedNewton:
         return searched(trial, most=TRIALS if last.work else 1, fails=NO_FORCES).place
 
     def _placed(
-        self, trials: Sequence[Trial], last: _Iterate, share: float
+        self, trials: Sequence[BodyTrial], last: _Iterate, share: float
     ) -> tuple[list[FloatArray], list[LinearConstraints | None]]:
         """A share of the last correction, and nodes as they go with the frames: held ones exactly, others linearly."""
         change = share * last.change
@@ -245,7 +245,9 @@ class CondensedNewton:
         found = [part.placed(one, increment, own) for part, one, increment, own in changes]
         return [increment for increment, _ in found], [constraints for _, constraints in found]
 
-    def _factor(self, trials: Sequence[Trial], found: _Found, tangents: Sequence[PETSc.Mat] | None = None) -> None:
+    def _factor(
+        self, trials: Sequence[BodyTrial], found: _TriedPlace, tangents: Sequence[PETSc.Mat] | None = None
+    ) -> None:
         """Factor the tangent at a place, or those that are given and change. Collective."""
         if tangents is None:
             tangents = [one.equations.tangent(y) for one, y in zip(trials, found.increments, strict=True)]
@@ -260,7 +262,7 @@ class CondensedNewton:
         if found.constraints is not None:
             self._responses = self._linear.solve_block(found.constraints.columns)
 
-    def _correction(self, found: _Found) -> tuple[FloatArray, FloatArray, float]:
+    def _correction(self, found: _TriedPlace) -> tuple[FloatArray, FloatArray, float]:
         """Newton's correction (owned dofs,) m, its forces (owned dofs,) N, and its energy norm, J^(1/2). Collective."""
         change = self._linear.solve_factored(-found.left)
         if found.constraints is not None:
@@ -282,7 +284,7 @@ class CondensedNewton:
         return np.asarray(solution - responses @ shares)
 
     def _response(
-        self, trials: Sequence[Trial], found: _Found, change: FloatArray, residual: FloatArray, *, fresh: bool
+        self, trials: Sequence[BodyTrial], found: _TriedPlace, change: FloatArray, residual: FloatArray, *, fresh: bool
     ) -> tuple[list[FloatArray], FloatArray]:
         """Wrenches of each body and slopes (c, c) where the linearised nodes are in balance. Collective."""
         corrected = self._corrected(trials, found, change, residual)
@@ -301,8 +303,8 @@ class CondensedNewton:
             left[mine, span], kept[mine, span] = one.left, one.kept
             ways[mine, span] = part.frames.columns((one.carried + one.relative) @ one.R)
         left += self._coupled(ways)
-        for mine, part in zip(self._unknowns.slices, self._facing.turned(found.facing, spans, axes), strict=True):
-            left[mine] += part
+        for mine, turned in zip(self._unknowns.slices, self._facing.turned(found.facing, spans, axes), strict=True):
+            left[mine] += turned
         followed = self._linear.solve_block(-left - kept)
         if found.constraints is not None:
             met = LinearConstraints(found.constraints.columns, np.zeros_like(found.constraints.gap))
@@ -332,7 +334,7 @@ class CondensedNewton:
         return wrenches, slopes
 
     def _corrected(
-        self, trials: Sequence[Trial], found: _Found, change: FloatArray, residual: FloatArray
+        self, trials: Sequence[BodyTrial], found: _TriedPlace, change: FloatArray, residual: FloatArray
     ) -> list[_Corrected]:
         """Each body where the linearised nodes are in balance. Collective."""
         split = self._unknowns.split
@@ -374,7 +376,7 @@ class _Corrected:
     """
 
     part: CondensedPart
-    trial: Trial
+    trial: BodyTrial
     increment: FloatArray
     residual: FloatArray
     couples: FloatArray
@@ -382,7 +384,7 @@ class _Corrected:
 
     @classmethod
     def of(
-        cls, part: CondensedPart, trial: Trial, increment: FloatArray, change: FloatArray, residual: FloatArray
+        cls, part: CondensedPart, trial: BodyTrial, increment: FloatArray, change: FloatArray, residual: FloatArray
     ) -> _Corrected:
         """From increments (local dofs,) m, with a change and a residual (owned dofs,). Collective."""
         equations, touched = trial.equations, None

@@ -20,7 +20,7 @@ FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
-class Trial:
+class BodyTrial:
     """Equations of a body at a step's end, with the frames' motion there, and those of what it touches."""
 
     equations: StepEquations
@@ -46,7 +46,7 @@ class CondensedPart:
         self._vector = body.vector()
         self.tangent: PETSc.Mat = PETSc.Mat()  # with its rows of nodes on frames; no handle before the first
 
-    def begun(self, trial: Trial) -> tuple[FloatArray, FloatArray, LinearConstraints | None]:
+    def begun(self, trial: BodyTrial) -> tuple[FloatArray, FloatArray, LinearConstraints | None]:
         """Where a step begins: from the last accepted state, in which no material is led astray. Collective.
 
         Returns:
@@ -61,11 +61,11 @@ class CondensedPart:
         jumped = body.layout.at_dofs(jump[: body.layout.n_owned_nodes], owned=True)
         own = self.bonds.turns.own
         jumped[self.bonds.turns.dofs[own]] = self._turned(trial)[own]
-        inertia = body.layout.at_dofs(self.frames.product(jump), owned=True) / equations.step.per_x
+        inertia: FloatArray = body.layout.at_dofs(self.frames.product(jump), owned=True) / equations.step.per_x
         return jumped, inertia, constraints
 
     def placed(
-        self, trial: Trial, increment: FloatArray, change: FloatArray
+        self, trial: BodyTrial, increment: FloatArray, change: FloatArray
     ) -> tuple[FloatArray, LinearConstraints | None]:
         """An increment (local dofs,) m and its change (owned dofs,), with held nodes exactly on frames. Collective.
 
@@ -81,7 +81,7 @@ class CondensedPart:
         increment[bonds.turns.dofs] = self._turned(trial)
         return increment, self.frames.averages.constraints(motion, axes.R, displacement=gap)
 
-    def _turned(self, trial: Trial) -> FloatArray:
+    def _turned(self, trial: BodyTrial) -> FloatArray:
         """(m,) how far unknowns that turn with frames have turned since the last accepted step."""
         turns = self.bonds.turns
         if not turns.any:
@@ -125,7 +125,7 @@ class CondensedPart:
         free[self.prescribed] = 0.0
         return free
 
-    def small_motions(self, start: FrameMotion, trial: Trial) -> FloatArray:
+    def small_motions(self, start: FrameMotion, trial: BodyTrial) -> FloatArray:
         """(6 k,) displacement of the frames' origins and their rotation vectors since ``start``, in the body's axes."""
         end, R = trial.motion, trial.equations.axes.R
         turns = end.R @ start.R.transpose(0, 2, 1)

@@ -6,17 +6,17 @@ frames, with those of the shapes that they touch, follow a body's own; the first
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
+from flexmbd.continuum.history.body_memory import BodyMemory
 from flexmbd.continuum.history.nonlinear_model import NonlinearModel
 from flexmbd.continuum.history.tangent_solver import Preconditioner
 from flexmbd.continuum.interior.condensed_newton import Condensed, CondensedNewton
-from flexmbd.continuum.interior.condensed_part import Trial
+from flexmbd.continuum.interior.condensed_part import BodyTrial
 from flexmbd.continuum.interior.facet_search import check_facets, check_same_ranks
 from flexmbd.continuum.interior.facing_contacts import FacingContacts
 from flexmbd.continuum.interior.facing_touch import FacingTouch
@@ -28,38 +28,131 @@ from flexmbd.multibody.interiors.touching_interior import FacingSurface
 from flexmbd.round_off import STALLED
 
 FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
 
 # Of bodies by themselves, with their frames given: corrections with which they are solved, and iterations at most.
 _SOLVED, _MOST = 1e-11, 40
 
 
-class CoupledBody(Interior, Protocol):
-    """A body among them."""
+class CoupledBody:
+    """A body among those that are solved for together.
 
-    body: NonlinearModel
-    nodes: NodalSolution
-    coupled: CoupledBodies
+    Attributes:
+        interior: to the machine.
+        body: the body.
+        nodes: their solution.
+        frame_count: how many frames it has, with those of shapes that it touches.
+        equations: of a step's end, from its time, its length, the scheme, and the frames' motion. Collective.
+        held_energy: J, the sizes of all that it holds. Collective.
+        take: keeps what its `commit` makes the state, a trial with an increment (local dofs,) m.
+        coupled: all of them.
+    """
+
+    def __init__(
+        self, interior: Interior, body: NonlinearModel, nodes: NodalSolution, frame_count: Callable[[], int],
+        equations: Callable[[float, float, Scheme, FrameMotion], StepEquations], held_energy: Callable[[], float],
+        take: Callable[[BodyTrial, FloatArray], None],
+    ) -> None:
+        """Alone. Collective."""
+        self.interior, self.body, self.nodes, self.frame_count = interior, body, nodes, frame_count
+        self.equations, self.held_energy, self.take = equations, held_energy, take
+        self.leave()
+
+    def leave(self) -> None:
+        """Be alone. Collective."""
+        self.coupled = CoupledBodies([self])
+
+    def touch(self, facing: FacingSurface, other: CoupledBody) -> None:
+        """Let its nodes touch another one's facets, with all that it is among. Collective.
+
+        Raises:
+            SceneError: as `touch_between`.
+        """
+        touch = touch_between(facing, self.nodes, other.nodes)
+        coupled = self.coupled.joined(touch, self, other)
+        for one in coupled.members:
+            one.coupled = coupled
+
+    def others(self) -> tuple[CoupledBody, ...]:
+        """All but this one."""
+        return tuple(one for one in self.coupled.members if one is not self)
 
     @property
-    def frame_count(self) -> int:
-        """How many frames it has, with those of shapes that it touches."""
+    def row(self) -> int:
+        """Its place among them."""
+        return next(k for k, one in enumerate(self.coupled.members) if one is self)
 
-    def equations(self, t_end: float, h: float, scheme: Scheme, motion: FrameMotion) -> StepEquations:
-        """Of a step's end. Collective."""
+    @property
+    def is_touched(self) -> bool:
+        """Whether it is not alone."""
+        return bool(self.coupled.facing.contacts)
 
-    def held_energy(self) -> float:
-        """J, the sizes of all that it holds. Collective."""
+    @property
+    def names(self) -> list[str]:
+        """Of the contacts of all."""
+        return self.coupled.facing.names
 
-    def take(self, trial: Trial, increment: FloatArray) -> None:
-        """Keep what `commit` makes the state; increment: (local dofs,) m."""
+    def widened(self, wrenches: FloatArray) -> FloatArray:
+        """Wrenches (k, 6) on its own frames, and none on the others'."""
+        return np.vstack([wrenches, np.zeros((sum(one.frame_count() for one in self.others()), 6))])
+
+    def begin(self, x: FloatArray, axes: BodyAxes) -> None:
+        """See `CoupledBodies.begin`. Collective."""
+        self.coupled.begin(self, x, axes)
+
+    def iterate(
+        self, t_end: float, h: float, scheme: Scheme, motion: FrameMotion, *, tolerance: float, renew: bool
+    ) -> InteriorIteration:
+        """See `IteratedInterior.iterate`. Collective."""
+        return self.coupled.iterate(self, t_end, h, scheme, motion, tolerance=tolerance, renew=renew)
+
+    def trial(self, t_end: float, h: float, scheme: Scheme, motion: FrameMotion) -> tuple[FloatArray, FloatArray]:
+        """See `CoupledBodies.trial`. Collective."""
+        return self.coupled.trial(self, t_end, h, scheme, motion)
+
+    def accept(self) -> None:
+        """See `CoupledBodies.accept`. Collective."""
+        self.coupled.accept()
+
+    def forget(self) -> None:
+        """See `CoupledBodies.forget`."""
+        self.coupled.forget()
+
+    def stiffness(self) -> float:
+        """See `FacingContacts.stiffness`."""
+        return self.coupled.facing.stiffness(self.row)
+
+    def nodal(self) -> FloatArray:
+        """See `FacingContacts.nodal`."""
+        return self.coupled.facing.nodal(self.row)
+
+    def pushed(self) -> list[tuple[IntArray, FloatArray]]:
+        """See `FacingContacts.pushed`."""
+        return self.coupled.facing.pushed(self.row)
+
+    def resultants(self) -> dict[str, FloatArray]:
+        """See `FacingContacts.resultants`."""
+        return self.coupled.facing.resultants(self.row)
+
+    def works(self) -> FloatArray | None:
+        """See `FacingContacts.works`."""
+        return self.coupled.facing.works(self.row)
+
+    def snapshot(self, memory: BodyMemory) -> dict[str, FloatArray]:
+        """See `FacingContacts.snapshot`. Collective."""
+        return self.coupled.facing.snapshot(self.row, memory)
+
+    def restore(self, memory: BodyMemory, kept: Mapping[str, FloatArray]) -> None:
+        """See `FacingContacts.restore`."""
+        self.coupled.facing.restore(self.row, memory, kept)
 
 
 @dataclass(frozen=True, eq=False)
-class _Asked:
+class _Answered:
     """What was computed for all, and who has not asked for it yet, by rows."""
 
     what: tuple[object, ...]
-    trials: list[Trial]
+    trials: list[BodyTrial]
     found: Condensed
     waiting: set[int]
 
@@ -90,7 +183,7 @@ class CoupledBodies:
         first = self.members[0].nodes
         self.newton = CondensedNewton([one.nodes.part for one in self.members], first.solver, self.facing)
         self._begun: dict[int, tuple[FloatArray, BodyAxes]] = {}
-        self._asked: _Asked | None = None
+        self._asked: _Answered | None = None
         self._tried: Condensed | None = None
 
     def joined(self, touch: FacingTouch, one: CoupledBody, other: CoupledBody) -> CoupledBodies:
@@ -99,19 +192,6 @@ class CoupledBodies:
         touches = self._touches + (() if other.coupled is self else other.coupled._touches)
         return CoupledBodies((*self.members, *more), (*touches, (touch, one, other)))
 
-    def others(self, member: CoupledBody) -> tuple[CoupledBody, ...]:
-        """All but one."""
-        return tuple(one for one in self.members if one is not member)
-
-    def row(self, member: CoupledBody) -> int:
-        """A body's place among them."""
-        return next(k for k, one in enumerate(self.members) if one is member)
-
-    def widened(self, member: CoupledBody, wrenches: FloatArray) -> FloatArray:
-        """Wrenches (k, 6) on a body's own frames, and none on the others'."""
-        more = sum(one.frame_count for one in self.others(member))
-        return np.vstack([wrenches, np.zeros((more, 6))])
-
     def begin(self, member: CoupledBody, x: FloatArray, axes: BodyAxes) -> None:
         """A body begins anew with its nodes at x (local nodes, 3) m. Collective.
 
@@ -119,7 +199,7 @@ class CoupledBodies:
             SceneError: on all ranks: it begins in what it touches.
         """
         self.forget()
-        row = self.row(member)
+        row = member.row
         self._begun[row] = x, axes
         sizes = {k: one.nodes.extent_of(one.body.layout.node_x) for k, one in enumerate(self.members)}
         self.facing.begin(row, self._begun, sizes)
@@ -134,7 +214,7 @@ class CoupledBodies:
         told = tolerance, renew
         motions = self._split(member, motion)
 
-        def compute() -> tuple[list[Trial], Condensed]:
+        def compute() -> tuple[list[BodyTrial], Condensed]:
             trials = self._trials(t_end, h, scheme, motions)
             found = self.newton.iterate(trials, energy=self._energy(), tolerance=tolerance, renew=renew)
             if found.correction <= tolerance:
@@ -153,7 +233,7 @@ class CoupledBodies:
         """
         motions = self._split(member, motion)
 
-        def compute() -> tuple[list[Trial], Condensed]:
+        def compute() -> tuple[list[BodyTrial], Condensed]:
             trials = self._trials(t_end, h, scheme, motions)
             before, energy = np.inf, self._energy()
             for _ in range(_MOST):
@@ -188,24 +268,24 @@ class CoupledBodies:
 
     def _ask(
         self, member: CoupledBody, what: tuple[object, ...], motions: list[FrameMotion],
-        compute: Callable[[], tuple[list[Trial], Condensed]],
-    ) -> _Asked:
+        compute: Callable[[], tuple[list[BodyTrial], Condensed]],
+    ) -> _Answered:
         """What was computed, for this body now. Collective."""
-        row, asked = self.row(member), self._asked
+        row, asked = member.row, self._asked
         if asked is None or row not in asked.waiting or not asked.is_for(what, motions):
             trials, found = compute()
             self._tried = found
             for one, trial, increment in zip(self.members, trials, found.increments, strict=True):
                 one.take(trial, increment)
-            self._asked = asked = _Asked(what, trials, found, set(range(len(self.members))))
+            self._asked = asked = _Answered(what, trials, found, set(range(len(self.members))))
         asked.waiting.discard(row)
         return asked
 
-    def _answer(self, member: CoupledBody, asked: _Asked) -> InteriorIteration:
+    def _answer(self, member: CoupledBody, asked: _Answered) -> InteriorIteration:
         """A body's part of it: wrenches on its own frames, and their slopes by all."""
-        row, found = self.row(member), asked.found
+        row, found = member.row, asked.found
         order = self._order(row)
-        wrenches = self.widened(member, found.wrenches[row])
+        wrenches = member.widened(found.wrenches[row])
         slopes, count = np.zeros_like(found.slopes), found.wrenches[row].size
         slopes[:count] = found.slopes[np.ix_(order[:count], order)]
         rounding = np.zeros_like(wrenches)
@@ -213,23 +293,23 @@ class CoupledBodies:
         rounding[: len(found.wrenches[row])] = round_off * np.repeat([1.0, reach], 3)
         return InteriorIteration(wrenches, slopes, found.correction, rounding)
 
-    def _order(self, row: int) -> NDArray[np.int64]:
+    def _order(self, row: int) -> IntArray:
         """(c,) columns of all frames, a body's own first."""
-        ends = 6 * np.cumsum([0, *(one.frame_count for one in self.members)])
+        ends = 6 * np.cumsum([0, *(one.frame_count() for one in self.members)])
         return np.r_[ends[row] : ends[row + 1], 0 : ends[row], ends[row + 1] : ends[-1]]
 
     def _split(self, member: CoupledBody, motion: FrameMotion) -> list[FrameMotion]:
         """Each body's part of a motion in which one body's frames come first."""
         found, first = {}, 0
-        for one in (member, *self.others(member)):
-            mine = slice(first, first + one.frame_count)
+        for one in (member, *member.others()):
+            mine = slice(first, first + one.frame_count())
             found[id(one)] = FrameMotion(*(part[mine] for part in motion))
             first = mine.stop
         return [found[id(one)] for one in self.members]
 
-    def _trials(self, t_end: float, h: float, scheme: Scheme, motions: list[FrameMotion]) -> list[Trial]:
+    def _trials(self, t_end: float, h: float, scheme: Scheme, motions: list[FrameMotion]) -> list[BodyTrial]:
         pairs = zip(self.members, motions, strict=True)
-        return [Trial(one.equations(t_end, h, scheme, motion), motion) for one, motion in pairs]
+        return [BodyTrial(one.equations(t_end, h, scheme, motion), motion) for one, motion in pairs]
 
     def _energy(self) -> float:
         return sum(one.held_energy() for one in self.members)

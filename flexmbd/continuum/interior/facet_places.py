@@ -1,4 +1,4 @@
-"""Places on facets that are nearest to points, and what goes with facets behind which it is.
+"""Digits on facets that are nearest to points, and what goes with facets behind which it is.
 
 All by the places of the nodes alone, of complex numbers too: their imaginary part is the derivative (Squire & Trapp
 1998, doi:10.1137/S003614459631241X).
@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 
 FloatArray = NDArray[np.float64]
 #: Of real numbers, or of complex ones.
-Places = NDArray[Any]
+Digits = NDArray[Any]
 
 
-def nearest_places(x: Places, corners: Places, off: NDArray[np.bool_]) -> tuple[Places, Places, Places]:
+def nearest_places(x: Digits, corners: Digits, off: NDArray[np.bool_]) -> tuple[Digits, Digits, Digits]:
     """Depths (n,) m of points behind triangles, normals (n, 3), and shares (n, 3) of the corners in the places.
 
     Args:
@@ -42,7 +42,7 @@ def nearest_places(x: Places, corners: Places, off: NDArray[np.bool_]) -> tuple[
     return depth, normal, share
 
 
-def _in_planes(x: Places, corners: Places) -> tuple[Places, Places, Places]:
+def _in_planes(x: Digits, corners: Digits) -> tuple[Digits, Digits, Digits]:
     one, two, arm = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0], x - corners[:, 0]
     area = np.cross(one, two)
     square = _dot(area, area)
@@ -51,7 +51,7 @@ def _in_planes(x: Places, corners: Places) -> tuple[Places, Places, Places]:
     return np.stack([1.0 - second - third, second, third], axis=1), normal, -_dot(arm, normal)
 
 
-def carried_places(weights: Places, points: Places, corners: Places, mass: FloatArray) -> Places:
+def carried_places(weights: Digits, points: Digits, corners: Digits, mass: FloatArray) -> Digits:
     """(n, k, 3, 3) by how much of their facets' nodes' displacements the places go with these where points are.
 
     A facet carries what is behind it by the mean rotation of its nodes, so that a force there has its moment.
@@ -75,10 +75,10 @@ def carried_places(weights: Places, points: Places, corners: Places, mass: Float
     return np.asarray(carry)
 
 
-def _products(vectors: Places) -> Places:
+def _products(vectors: Digits) -> Digits:
     """(..., 3, 3) matrices of the products of vectors (..., 3) with others."""
     return np.asarray(np.cross(vectors[..., None, :], np.eye(3)).swapaxes(-1, -2))
 
 
-def _dot(a: Places, b: Places) -> Places:
+def _dot(a: Digits, b: Digits) -> Digits:
     return np.asarray(np.einsum("na,na->n", a, b))

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from flexmbd.continuum.history.body_memory import BodyMemory
 from flexmbd.continuum.history.nonlinear_model import NonlinearModel
-from flexmbd.continuum.interior.facing_touch import FacingState, FacingTouch, PointForces
+from flexmbd.continuum.interior.facing_touch import FacetForces, FacingState, FacingTouch
 from flexmbd.continuum.interior.step_equations import BodyAxes
 from flexmbd.continuum.interior.touched_frames import refuse_inside
 
@@ -32,7 +32,7 @@ class FacingForces:
     """
 
     states: tuple[FacingState, ...]
-    points: tuple[PointForces, ...]
+    points: tuple[FacetForces, ...]
     on_bodies: tuple[FloatArray, ...]
 
 
@@ -67,14 +67,12 @@ class FacingContacts:
         """Nothing touches yet; touches: each with the rows of the bodies of its nodes and facets. Collective."""
         self._bodies, self._comm = tuple(bodies), bodies[0].comm
         own = sum(body.n_owned for body in bodies)
-        self._rows = own, int(self._comm.exscan(own) or 0)
+        self._rows = own, sum(self._comm.allgather(own)[: self._comm.rank])
         starts = self._rows[1] + np.cumsum([0, *(body.n_owned for body in bodies)])
         dofs = [first + body.layout.displacement_dofs for first, body in zip(starts, bodies, strict=False)]
         found = []
         for touch, nodes, facets in touches:
-            owned = np.zeros((bodies[facets].layout.n_owned_nodes, 3), dtype=np.int64)
-            owned[:] = dofs[facets][: len(owned)]
-            there = touch.gathered(owned).astype(np.int64)
+            there = np.rint(touch.gathered(dofs[facets].astype(float))).astype(np.int64)
             found.append(Facing(touch, nodes, facets, dofs[nodes][touch.nodes], there, np.zeros((2, 2))))
         self.contacts: tuple[Facing, ...] = tuple(found)
         self._now: dict[int, FacingState] = {}  # those that have begun
@@ -120,7 +118,7 @@ class FacingContacts:
 
     def _on_bodies(self, states: Mapping[int, FacingState]) -> list[FloatArray]:
         """(owned nodes, 3) N on each."""
-        out = [np.zeros((body.layout.n_owned_nodes, 3)) for body in self._bodies]
+        out: list[FloatArray] = [np.zeros((body.layout.n_owned_nodes, 3)) for body in self._bodies]
         for k, state in sorted(states.items()):
             one, own = self.contacts[k], self.contacts[k].touch.owned
             out[one.nodes][one.touch.nodes] += state.on_nodes.sum(axis=0)
@@ -164,7 +162,7 @@ class FacingContacts:
             spans: of the columns of each body's frames; its axes turn by the rotations of the first one.
             axes: of the bodies.
         """
-        out = [np.zeros((body.n_owned, spans[-1].stop)) for body in self._bodies]
+        out: list[FloatArray] = [np.zeros((body.n_owned, spans[-1].stop)) for body in self._bodies]
         for one, points in zip(self.contacts, forces.points, strict=True):
             if one.touch.given.friction == 0.0:  # nothing is remembered in axes
                 continue

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexmbd.continuum.history.nonlinear_model import NonlinearModel
-from flexmbd.continuum.interior.facet_places import Places, carried_places, nearest_places
+from flexmbd.continuum.interior.facet_places import Digits, carried_places, nearest_places
 from flexmbd.continuum.interior.facet_push import comes_through
 from flexmbd.continuum.interior.facet_search import FacetSurface
 from flexmbd.continuum.interior.implicit_touch import BRISTLE, KeptFacets, contact_forces
@@ -33,7 +33,7 @@ _TINY = 1e-30
 
 @dataclass(frozen=True, eq=False)
 class FacingState:
-    """Places and forces at an accepted or tried step's end, in the axes of the facets' body.
+    """Digits and forces at an accepted or tried step's end, in the axes of the facets' body.
 
     Attributes:
         y: (n, 3) m, this rank's nodes.
@@ -68,7 +68,7 @@ class FacingState:
 
 
 @dataclass(frozen=True, eq=False)
-class PointForces:
+class FacetForces:
     """Nodes that touch, each with the four nodes of its facet (one twice of a triangle), in the facets' axes.
 
     Attributes:
@@ -81,7 +81,7 @@ class PointForces:
     on: IntArray
     facet: IntArray
     places: FloatArray
-    of: Callable[[Places], Places]
+    of: Callable[[Digits], Digits]
 
     @cached_property
     def forces(self) -> FloatArray:
@@ -149,7 +149,7 @@ class FacingTouch:
 
     def gathered(self, values: FloatArray) -> FloatArray:
         """(k, m) values (nodes, m) of the facets' body on its surface, on all ranks. Collective."""
-        out = np.zeros((len(self.surface.number), values.shape[1]), dtype=values.dtype)
+        out = np.zeros((len(self.surface.number), values.shape[1]))
         out[self.owned] = values[self.surface.own[self.owned]]
         return np.asarray(sum(self._comm.allgather(out)))
 
@@ -170,7 +170,7 @@ class FacingTouch:
 
     def evaluate(
         self, x: FloatArray, others: FloatArray, p: FloatArray, R: FloatArray, before: FacingState
-    ) -> tuple[FacingState, PointForces]:
+    ) -> tuple[FacingState, FacetForces]:
         """Forces with nodes and axes as of `begin`, after the accepted state. Collective."""
         y, points, width = (x[self.nodes] - p) @ R, self.gathered((others - p) @ R), self.surface.facets.shape[1]
         found = self._kept.find(y, points, before)
@@ -179,7 +179,7 @@ class FacingTouch:
         begun = np.concatenate([before.y[found.points, None], before.points[found.nodes]], axis=1)
         mass = np.ones((len(places), width))
 
-        def way(places: Places, some: Any = slice(None)) -> tuple[Places, Places, Places, Places]:
+        def way(places: Digits, some: Any = slice(None)) -> tuple[Digits, Digits, Digits, Digits]:
             """Depths, normals, what of the facets' nodes the places have, and their way in the step."""
             node, facet = places[:, 0], places[:, 1:]
             corners = np.einsum("nij,nja->nia", spread[some], facet)
@@ -195,13 +195,13 @@ class FacingTouch:
         rubbed, felt, given = before.rubbed[on], self._felt[on], self.given
         told: dict[str, Any] = {"r": given.stiffness_ratio * felt, "bristle": BRISTLE * felt}
 
-        def forces(places: Places) -> Places:
+        def forces(places: Digits) -> Digits:
             depth, normal, carry, went = way(places, entered)
             met, held, _, share = contact_forces(depth, normal, went, rubbed, friction=given.friction, **told)
             both = np.stack([met, share[:, None] * held])
             return np.concatenate([both[:, :, None], -np.einsum("nkab,tna->tnkb", carry, both)], axis=2)
 
-        touch = PointForces(on, found.nodes[entered], places[entered], forces)
+        touch = FacetForces(on, found.nodes[entered], places[entered], forces)
         whole = np.zeros((2, *y.shape))
         whole[:, on] = touch.forces[:, :, 0]
         reaction = np.zeros((2, *points.shape))

@@ -22,8 +22,8 @@ from flexmbd.continuum.history.nonlinear_model import NonlinearModel
 from flexmbd.continuum.history.tangent_solver import LinearSolver
 from flexmbd.continuum.interior.body_at_rest import balance_at_rest, linear_at_rest, refuse_restless
 from flexmbd.continuum.interior.body_observer import BodyObserver
-from flexmbd.continuum.interior.condensed_part import Trial
-from flexmbd.continuum.interior.coupled_bodies import CoupledBodies, touch_between
+from flexmbd.continuum.interior.condensed_part import BodyTrial
+from flexmbd.continuum.interior.coupled_bodies import CoupledBody
 from flexmbd.continuum.interior.halved_steps import HalvedSteps
 from flexmbd.continuum.interior.implicit_contacts import ImplicitContacts
 from flexmbd.continuum.interior.loads_in_motion import LoadsInMotion
@@ -62,8 +62,6 @@ class ImplicitContinuum:
 
     Attributes:
         body: the body with history between the frames.
-        nodes: their solution.
-        coupled: the bodies that are solved for with it, as they touch each other.
         frames: of its interfaces.
         mass: kg, of the nodes that are not bonded (lumped).
     """
@@ -91,7 +89,7 @@ class ImplicitContinuum:
             SceneError, MeshError: on all ranks: as `AppliedLoads`, or a load is for slow loading alone.
         """
         self.body = body
-        self.nodes = nodes = NodalSolution(body, rigid_parts=rigid_parts, solver=solver)
+        self._nodes = nodes = NodalSolution(body, rigid_parts=rigid_parts, solver=solver)
         self._bonds = bonds = nodes.bonds
         self.frames: tuple[InteriorFrame, ...] = bonds.frames
         self.mass = bonds.free_mass
@@ -100,11 +98,13 @@ class ImplicitContinuum:
         self._loads = LoadsInMotion(body, bonds, loads)
         self._first, self._begins_fresh = body.snapshot(), is_fresh(body)
         self._contacts = self._contacts_with((), ())
-        self.coupled = CoupledBodies([self])
+        self._among = CoupledBody(
+            self, body, nodes, self._frame_count, self._equations, self._held_energy, self._take
+        )
         self._gravity: FloatArray = np.zeros(3)
         self._state: NodalState | None = None
         self._trial: StepEnd | None = None
-        self._iterated: tuple[Trial, FloatArray] | None = None  # a trial that is not worked out
+        self._iterated: tuple[BodyTrial, FloatArray] | None = None  # a trial that is not worked out
         self._step: TriedStep | None = None  # that is tried
         self._known_energies: dict[str, float] | None = None  # of the last accepted state, once they were asked for
         self._plane = PlaneMotion(body)
@@ -126,7 +126,7 @@ class ImplicitContinuum:
         self._loads.begin(R)
         self._loads.now = self._loads.after(t, x)
         self._contacts.begin(x, motion)
-        self.coupled.begin(self, x, self.nodes.axes(motion))
+        self._among.begin(x, self._nodes.axes(motion))
         if self._begins_fresh and not self._loads.applied.any_heat:
             return self._start_accelerations(motion, -self._loads.now)
         # what holds the body in its shape at rest: warm, with voltages, or deformed before
@@ -140,7 +140,7 @@ class ImplicitContinuum:
         """See `SteadyInterior.resume`. Collective."""
         now, motion = self._current_state(), self._own(motion)
         v = now.v.copy()
-        v[self.nodes.bonded] = self._bonds.velocities(motion)[~self._bonds.averaged]
+        v[self._nodes.bonded] = self._bonds.velocities(motion)[~self._bonds.averaged]
         self._state = replace(now, t=t, v=v, h=0.0)
         self._loads.now = self._loads.after(t, now.x)
         self._forget()
@@ -148,9 +148,9 @@ class ImplicitContinuum:
 
     def equilibrate(self, t: float, motion: FrameMotion) -> tuple[FloatArray, FloatArray]:
         """See `SteadyInterior.equilibrate`. Collective."""
-        refuse_restless(self.body, [*self._contacts.names, *self.coupled.facing.names])
+        refuse_restless(self.body, [*self._contacts.names, *self._among.names])
         guess = np.zeros(self.body.layout.n_local) if self._trial is None else self._trial.increment
-        found = balance_at_rest(self.nodes, self._loads, t, motion, guess=guess, gravity=self._gravity)
+        found = balance_at_rest(self._nodes, self._loads, t, motion, guess=guess, gravity=self._gravity)
         still = np.zeros_like(found.x)
         state = NodalState(t, found.x, still + motion.v[0], still, still, 0.0)
         self._trial = StepEnd(state, found.increment, found.load, (), 0.0)
@@ -158,9 +158,9 @@ class ImplicitContinuum:
 
     def linear(self, motion: FrameMotion, modes: InteriorModes) -> LinearInterior:
         """See `SteadyInterior.linear`; modes by block Lanczos, converged to a residual of 1e-12. Collective."""
-        refuse_restless(self.body, [*self._contacts.names, *self.coupled.facing.names])
+        refuse_restless(self.body, [*self._contacts.names, *self._among.names])
         now = self._current_state()
-        found = linear_at_rest(self.nodes, self._loads, now, motion, modes=modes, gravity=self._gravity)
+        found = linear_at_rest(self._nodes, self._loads, now, motion, modes=modes, gravity=self._gravity)
         self.revert()
         return found
 
@@ -168,18 +168,18 @@ class ImplicitContinuum:
         self, t_end: float, h: float, scheme: Scheme, motion: FrameMotion
     ) -> tuple[FloatArray, FloatArray]:
         """See `ImplicitInterior.trial`. Collective."""
-        if self.coupled.facing.contacts:
-            return self.coupled.trial(self, t_end, h, scheme, motion)
-        equations = self.equations(t_end, h, scheme, motion)
+        if self._among.is_touched:
+            return self._among.trial(t_end, h, scheme, motion)
+        equations = self._equations(t_end, h, scheme, motion)
         axes = equations.axes
         if self._trial is None:
             guess = self.body.layout.at_dofs(axes.increment(equations.step.coasted()), owned=False)
         else:
             guess = self._trial.increment
-        nodes = self.nodes
+        nodes = self._nodes
         solution = nodes.solve_or_anew(guess, motion, axes, equations)
         self.body.check_increment(solution.increment)
-        self._trial, self._iterated = self._end(Trial(equations, motion), solution.increment), None
+        self._trial, self._iterated = self._end(BodyTrial(equations, motion), solution.increment), None
         state = self._trial.state
         response = nodes.response(
             solution, equations, motion, x=state.x, apparent=state.a - self._gravity, slopes=scheme.slopes(h),
@@ -191,9 +191,9 @@ class ImplicitContinuum:
         self, t_end: float, h: float, scheme: Scheme, motion: FrameMotion, *, tolerance: float, renew: bool
     ) -> InteriorIteration:
         """See `IteratedInterior.iterate`. Collective."""
-        return self.coupled.iterate(self, t_end, h, scheme, motion, tolerance=tolerance, renew=renew)
+        return self._among.iterate(t_end, h, scheme, motion, tolerance=tolerance, renew=renew)
 
-    def take(self, trial: Trial, increment: FloatArray) -> None:
+    def _take(self, trial: BodyTrial, increment: FloatArray) -> None:
         """See `CoupledBody`."""
         self._iterated = trial, increment
 
@@ -211,7 +211,7 @@ class ImplicitContinuum:
         self._contacts.accept(self._trial.touched)
         self._state = replace(self._state, h=self._state.t - before.t)
         self._trial = self._iterated = self._step = self._known_energies = None
-        self.coupled.accept()
+        self._among.accept()
 
     def revert(self) -> None:
         """See `ImplicitInterior.revert`."""
@@ -226,7 +226,7 @@ class ImplicitContinuum:
         numbers = {"times": np.array([now.t, now.h]), "gravity": self._gravity.copy()}
         arrays["load"] = memory.gather_nodes(self._loads.now)
         numbers |= {"load work": np.array(self._loads.work), "begun": self._loads.R_begun.copy()}
-        touch = {**self._contacts.snapshot(), **self.coupled.facing.snapshot(self.coupled.row(self), memory)}
+        touch = {**self._contacts.snapshot(), **self._among.snapshot(memory)}
         return {**arrays, **numbers, **memory.gather(self.body.snapshot()), **touch}
 
     def restore(self, memory: Memory) -> None:
@@ -241,7 +241,7 @@ class ImplicitContinuum:
         self._loads.now = self._memory.scatter_nodes(arrays["load"])[: self.body.layout.n_owned_nodes]
         self._state = NodalState(t=t, h=h, **nodal)
         self._contacts.restore(arrays)
-        self.coupled.facing.restore(self.coupled.row(self), self._memory, arrays)
+        self._among.restore(self._memory, arrays)
         if self._halved is not None:
             self._halved.begin_anew()
         self._forget()
@@ -259,19 +259,19 @@ class ImplicitContinuum:
 
         "kinetic" is that of the consistent mass less the frames', lumped: below zero where little else moves.
         """
-        own, others = self._own_energies(), self.coupled.facing.works(self.coupled.row(self))
-        weight = weight_energy(self.nodes.frames, self._weight, self._gravity, self._current_state().x)
+        own, others = self._own_energies(), self._among.works()
+        weight = weight_energy(self._nodes.frames, self._weight, self._gravity, self._current_state().x)
         outer = {**self._loads.energies(), **self._contacts.energies(others)}
         return {"kinetic": own["kinetic"], "gravitational": weight, **own, **outer}
 
     def _own_energies(self) -> dict[str, float]:
         """J, what the body holds in the last accepted state, of all kinds but its weight's. Collective."""
         if self._known_energies is None:
-            kinetic = kinetic_energy(self.nodes.frames, self._current_state().v)
+            kinetic = kinetic_energy(self._nodes.frames, self._current_state().v)
             self._known_energies = {"kinetic": kinetic, **self.body.energies()}
         return self._known_energies
 
-    def held_energy(self) -> float:
+    def _held_energy(self) -> float:
         """See `CoupledBody`. Collective."""
         return sum(abs(value) for value in self._own_energies().values())
 
@@ -287,7 +287,7 @@ class ImplicitContinuum:
     def observe(self, motion: FrameMotion) -> InteriorFields:
         """See `ObservedInterior`. Collective."""
         now, pose = self._current_state(), self._bonds.pose(motion)
-        pushed = self._contacts.pushed(self.coupled.facing.pushed(self.coupled.row(self)))
+        pushed = self._contacts.pushed(self._among.pushed())
         return self._observer.fields(pose, pose[1], nodal=(now.x, now.v, now.a), pushed=pushed)
 
     def locate(self, point: FloatArray) -> tuple[IntArray, FloatArray]:
@@ -301,8 +301,8 @@ class ImplicitContinuum:
     def outer_forces(self) -> Mapping[str, FloatArray]:
         """See `ObservedInterior`: of loads and contacts. Collective where there are some."""
         now = self._current_state()
-        facing = self.coupled.facing.resultants(self.coupled.row(self))
-        return {**self._loads.resultants(now.t, now.x), **self._contacts.resultants(), **facing}
+        touch = {**self._contacts.resultants(), **self._among.resultants()}
+        return {**self._loads.resultants(now.t, now.x), **touch}
 
     def check_surface(self, surface: str, *, what: str) -> None:
         """See `TouchingInterior`. Collective."""
@@ -311,7 +311,7 @@ class ImplicitContinuum:
     def meet(self, obstacles: Sequence[Obstacle]) -> None:
         """See `TouchingInterior`. Collective."""
         self._contacts = self._contacts_with(obstacles, ())
-        self.coupled = CoupledBodies([self])
+        self._among.leave()
 
     def meet_reduced(self, surfaces: Sequence[ReducedFacets]) -> None:
         """See `ReducedTouchingInterior`. Collective."""
@@ -320,9 +320,9 @@ class ImplicitContinuum:
     def _contacts_with(self, obstacles: Sequence[Obstacle], surfaces: Sequence[ReducedFacets]) -> ImplicitContacts:
         """The contacts of the surfaces. Collective."""
         self._refuse_loads({one.name for one in obstacles} | {one.name for one in surfaces})
-        size = self.nodes.extent_of(self.body.layout.node_x)
+        size = self._nodes.extent_of(self.body.layout.node_x)
         return ImplicitContacts(
-            self.body, self._memory, self.nodes.diagonal, size=size, obstacles=obstacles, surfaces=surfaces
+            self.body, self._memory, self._nodes.diagonal, size=size, obstacles=obstacles, surfaces=surfaces
         )
 
     def _refuse_loads(self, names: set[str]) -> None:
@@ -340,24 +340,20 @@ class ImplicitContinuum:
             )
         for one in (self, other):
             one._refuse_loads({facing.name})
-        touch = touch_between(facing, self.nodes, other.nodes)
-        coupled = self.coupled.joined(touch, self, other)
-        for one in coupled.members:
-            one.coupled = coupled
+        self._among.touch(facing, other._among)
 
     @property
     def beside(self) -> tuple[Interior, ...]:
         """See `CoupledInterior`."""
-        return self.coupled.others(self)
+        return tuple(one.interior for one in self._among.others())
 
-    @property
-    def frame_count(self) -> int:
+    def _frame_count(self) -> int:
         """See `CoupledBody`."""
         return len(self.frames) + sum(one.frames for one in self._contacts.touches)
 
     def _own(self, motion: FrameMotion) -> FrameMotion:
         """Of frames with those of bodies beside this one its own, and those of shapes."""
-        return FrameMotion(*(part[: self.frame_count] for part in motion))
+        return FrameMotion(*(part[: self._frame_count()] for part in motion))
 
     def _current_state(self) -> NodalState:
         if self._state is None:
@@ -371,9 +367,8 @@ class ImplicitContinuum:
             now = self._current_state()
             if now.h > 0.0:
                 now = replace(now, auxiliary=scheme.carry(now.auxiliary, h, now.h, now.a))
-            nodes = self.nodes
-            extent, facing = nodes.extent_of(now.x), self.coupled.facing.stiffness(self.coupled.row(self))
-            touch = float(np.hypot(self._contacts.stiffness, facing))
+            nodes = self._nodes
+            extent, touch = nodes.extent_of(now.x), np.hypot(self._contacts.stiffness, self._among.stiffness())
             # accelerations are differences of places over the square of the step
             round_off = max(
                 nodes.round_off, nodes.mass_size * extent / scheme.slopes(h)[0], EPSILON * touch * extent
@@ -382,16 +377,16 @@ class ImplicitContinuum:
             self._step = step = TriedStep(t_end, h, scheme, now, factors, self._gravity, round_off)
         return step
 
-    def equations(self, t_end: float, h: float, scheme: Scheme, motion: FrameMotion) -> StepEquations:
+    def _equations(self, t_end: float, h: float, scheme: Scheme, motion: FrameMotion) -> StepEquations:
         """See `CoupledBody`. Collective."""
         step = self._step_to(t_end, h, scheme)
         self._plane.check(motion)
-        bonds, axes = self._bonds, self.nodes.axes(motion)
+        bonds, axes = self._bonds, self._nodes.axes(motion)
         loads = self._loads.at(step.factors, axes)
-        held = self.nodes.bonded, bonds.accelerations(motion)[~bonds.averaged]
-        return StepEquations(self.body, step, axes, self.nodes.frames, loads, *held, self._contacts, motion)
+        held = self._nodes.bonded, bonds.accelerations(motion)[~bonds.averaged]
+        return StepEquations(self.body, step, axes, self._nodes.frames, loads, *held, self._contacts, motion)
 
-    def _end(self, trial: Trial, increment: FloatArray) -> StepEnd:
+    def _end(self, trial: BodyTrial, increment: FloatArray) -> StepEnd:
         """A trial's end. Collective."""
         equations, motion = trial.equations, trial.motion
         state = equations.end(increment, self._bonds.velocities(motion)[~self._bonds.averaged])
@@ -402,20 +397,20 @@ class ImplicitContinuum:
     def _set_gravity(self, gravity: FloatArray) -> None:
         """Take (3,) m/s^2. Collective."""
         self._gravity = gravity
-        self._weight = self.nodes.inertia(np.tile(gravity, (len(self.body.layout.node_x), 1)))
+        self._weight = self._nodes.inertia(np.tile(gravity, (len(self.body.layout.node_x), 1)))
 
     def _forget(self) -> None:
         """Forget trials, guesses and factors."""
         self._trial = self._iterated = self._step = self._known_energies = None
-        self.nodes.discard_factors()
-        self.coupled.forget()
+        self._nodes.discard_factors()
+        self._among.forget()
 
     def _start_in_shape(self, motion: FrameMotion) -> FloatArray:
         """As `_start_accelerations`, of the body as it is deformed and touches. Collective."""
-        axes = self.nodes.axes(motion)
+        axes = self._nodes.axes(motion)
         internal = self.body.force(np.zeros(self.body.layout.n_local), dt=0.0)
         couples = self._bonds.turns.wrenches(internal, axes.R)
-        acting = self._loads.now + self._contacts.nodal() + self.coupled.facing.nodal(self.coupled.row(self))
+        acting = self._loads.now + self._contacts.nodal() + self._among.nodal()
         found = self._start_accelerations(motion, axes.to_inertial(internal) - acting)
         found[: len(couples)] += couples
         return found
@@ -426,7 +421,7 @@ class ImplicitContinuum:
         Returns:
             (k, 6) wrenches on the frames.
         """
-        nodes, bonds, gravity = self.nodes, self._bonds, self._gravity
+        nodes, bonds, gravity = self._nodes, self._bonds, self._gravity
         # a node has one mass along all axes: these may be inertial, but for dofs that are held in the body's
         R = nodes.axes(motion).R if self._plane.is_plane else np.eye(3)
         a = nodes.accelerations(motion, self._weight - internal, R=R)
@@ -436,7 +431,7 @@ class ImplicitContinuum:
         wrenches = bonds.wrenches(nodal_forces, bonds.arms(motion))
         if self._contacts.touches:
             wrenches = np.vstack([wrenches, bonds.total(self._contacts.wrenches())])
-        return self.coupled.widened(self, wrenches)
+        return self._among.widened(wrenches)
 
 
 _NODAL = ("x", "v", "a", "auxiliary")

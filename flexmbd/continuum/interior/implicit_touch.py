@@ -15,7 +15,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from flexmbd.continuum.interior.facet_places import Places
+from flexmbd.continuum.interior.facet_places import Digits
 from flexmbd.continuum.interior.facet_push import comes_through
 from flexmbd.continuum.interior.facet_search import FacetMesh, NearFacets
 from flexmbd.continuum.interior.reduced_contact import MovedFacets
@@ -31,7 +31,7 @@ BRISTLE = 2.0
 
 @dataclass(frozen=True, eq=False)
 class TouchedState:
-    """Places and forces of one contact at an accepted or tried step's end, in the first frame's axes.
+    """Digits and forces of one contact at an accepted or tried step's end, in the first frame's axes.
 
     Attributes:
         y: (n, 3) m, places of the surface's nodes.
@@ -274,9 +274,9 @@ def law(
 
 
 def contact_forces(
-    depth: Places, normal: Places, way: Places, rubbed: FloatArray, *, r: FloatArray, bristle: FloatArray,
+    depth: Digits, normal: Digits, way: Digits, rubbed: FloatArray, *, r: FloatArray, bristle: FloatArray,
     friction: float,
-) -> tuple[Places, Places, Places, Places]:
+) -> tuple[Digits, Digits, Digits, Digits]:
     """The law by itself, of complex numbers too: they touch, stick and slide as their real parts do.
 
     Arguments as of `law`, with depths (n,) m behind what is touched, and its normals (n, 3).
