@@ -61,7 +61,7 @@ class CondensedPart:
         jumped = body.layout.at_dofs(jump[: body.layout.n_owned_nodes], owned=True)
         own = self.bonds.turns.own
         jumped[self.bonds.turns.dofs[own]] = self._turned(trial)[own]
-        inertia: FloatArray = body.layout.at_dofs(self.frames.product(jump), owned=True) / equations.step.per_x
+        inertia = (1.0 / equations.step.per_x) * body.layout.at_dofs(self.frames.product(jump), owned=True)
         return jumped, inertia, constraints
 
     def placed(
