@@ -1,7 +1,7 @@
-"""Unknowns that turn with the body, as rotations of sections, at nodes on its frames: there they turn as the frames do.
+"""Unknowns that turn with the body, as rotations of sections, at nodes on its frames, which turn as the frames do.
 
-They are in the body's axes, and write a rotation as the formulation's `TurnLaw` says; between the frames they are solved
-for as all other unknowns are.  What holds them on a frame is a couple.
+They are in the body's axes, and write a rotation as the formulation's `TurnLaw` says; between the frames they are
+solved for as all other unknowns are.  What holds them on a frame is a couple.
 """
 
 from __future__ import annotations

@@ -140,7 +140,7 @@ class CarriedMesh:
         self._increment.scatter_forward()
         if self.fields is not None:
             whole = self.fields.step(self._increment.array, dt=dt)
-            if self._turns is not None:
+            if self._turns is not None and frames is not None:
                 self.couples = self._turns.wrenches(whole, frames, self.R)
             return layout.displacements(whole)
         force = self.body.step(self._increment.array, dt=dt).reshape(-1, 3)

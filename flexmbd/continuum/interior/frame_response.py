@@ -182,9 +182,8 @@ class Condensation:
             for j in columns[own_columns:]:
                 turned[j] = -touched.at_nodes(touched.by_frame(*divmod(j - own_columns, 6)), n)
         given = self._given(relative @ R, moves, motion, R)
-        accelerated = self.columns(accelerations @ R)
-        self._spin(accelerated, given, moves, R, per_x)
-        left = multiply(tangent, given) + multiply(self.mass, accelerated)
+        left = multiply(tangent, given)
+        left += multiply(self.mass, self._accelerated(accelerations @ R, given, moves, R, per_x))
         left += self.columns(turned @ R)
         followed = inverse(-left - self.columns(constraint_forces @ R))
         change = left + multiply(tangent, followed)
@@ -195,40 +194,35 @@ class Condensation:
             step = moves[j] if j < own_columns else None
             wrench = self._wrench_change(j, step, changes[j], moved[j], nodal_forces, arms)
             if bonds.turns.any:
-                wrench += bonds.turns.wrenches(change[:, j], motion.R, R)
-                if step is not None:
-                    # couples turn with the body's axes, and half with what their frame turns against these
-                    share = 0.5 * (np.arange(len(couples)) == j // 6) + (0.5 if j < 6 else 0.0)
-                    wrench[:, 3:] += share[:, None] * _crossed(step[2], couples[:, 3:])
+                wrench += self._couple_change(j, step, change[:, j], couples, motion, R)
+            if self.turning is not None and step is not None:
+                wrench += self.turning.couple_change(j // 6, step[2], motion, per_x, per_v)
             derivative[:own_columns, j] = wrench.reshape(-1)
-        if self.turning is not None:
-            slopes_of_couples = self.turning.couple_slopes(motion, per_x, per_v)
-            for k, block in enumerate(slopes_of_couples):
-                derivative[6 * k + 3 : 6 * k + 6, 6 * k + 3 : 6 * k + 6] += block
         relative += moved
         if touched is not None:
             derivative[own_columns:] = self._on_shapes(touched, carried + relative, own_columns)
-        couples = couples + self.frame_couples(motion)
-        wrenches = self.with_shapes(bonds.wrenches(nodal_forces, arms) + couples, touched)
         if bonds.turns.any:
             followed[bonds.turns.dofs[bonds.turns.own]] = given[bonds.turns.dofs[bonds.turns.own]]
         in_axes = self.columns(relative @ R, further=followed)
-        return FrameResponse(wrenches, derivative, carried + relative, in_axes, nodal_forces)
+        wrenches = bonds.wrenches(nodal_forces, arms) + couples + self.frame_couples(motion)
+        return FrameResponse(self.with_shapes(wrenches, touched), derivative, carried + relative, in_axes, nodal_forces)
 
     def frame_couples(self, motion: FrameMotion) -> FloatArray:
         """(k, 6) moments on the frames of the rotary inertia of nodes that the machine's frames have already."""
         k = len(self.bonds.frames)
         return np.zeros((k, 6)) if self.turning is None else self.turning.frame_couples(motion)
 
-    def _spin(
-        self, accelerated: FloatArray, given: FloatArray, moves: Sequence[_UnitMotion], R: FloatArray, per_x: float
-    ) -> None:
-        """Write what unit motions do to the accelerations of rotations beside what the tangent has of it.
+    def _accelerated(
+        self, fields: FloatArray, given: FloatArray, moves: Sequence[_UnitMotion], R: FloatArray, per_x: float
+    ) -> FloatArray:
+        """(owned dofs, k) accelerations by unit motions, beside what the tangent has of them.
 
-        Rotations are against the body's axes, with which nodes between the frames turn.
+        Those of nodes are ``fields`` (k, owned nodes, 3). Rotations are against the body's axes, with which nodes
+        between the frames turn.
         """
+        accelerated = self.columns(fields)
         if self.turning is None:
-            return
+            return accelerated
         own, n = self.turning.inertia.own, len(self.turning.inertia.nodal)
         bonds = self.bonds
         for j, (_, _, turn, _) in enumerate(moves):
@@ -240,6 +234,7 @@ class Condensation:
             mine = (bonds.frame_of[bonds.own] == j // 6)[:, None]
             change[held] = np.where(mine, turned, 0.0) - given[own[held], j] / per_x
             accelerated[own, j] = change
+        return accelerated
 
     def _given(
         self, fields: FloatArray, moves: Sequence[_UnitMotion], motion: FrameMotion, R: FloatArray
@@ -282,6 +277,18 @@ class Condensation:
         wrench = bonds.wrenches(forces, arms)
         wrench[:, 3:] += bonds.wrenches(nodal_forces, arm_changes)[:, 3:]
         return wrench
+
+    def _couple_change(
+        self, j: int, step: _UnitMotion | None, change: FloatArray, couples: FloatArray, motion: FrameMotion,
+        R: FloatArray,
+    ) -> FloatArray:
+        """(k, 6) change of the couples (k, 6) that hold rotations, by column j; ``change`` (owned dofs,) of forces."""
+        found = self.bonds.turns.wrenches(change, motion.R, R)
+        if step is not None:
+            # they turn with the body's axes, and half with what their frame turns against these
+            share = 0.5 * (np.arange(len(couples)) == j // 6) + (0.5 if j < 6 else 0.0)
+            found[:, 3:] += share[:, None] * _crossed(step[2], couples[:, 3:])
+        return found
 
     def columns(self, fields: FloatArray, *, further: FloatArray | None = None) -> FloatArray:
         """(owned dofs, k) from k fields (k, owned nodes, 3), and at further unknowns what columns like these have."""

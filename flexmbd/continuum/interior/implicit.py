@@ -32,6 +32,7 @@ from flexmbd.continuum.interior.plane_motion import PlaneMotion
 from flexmbd.continuum.interior.shape_contacts import check_surface
 from flexmbd.continuum.interior.staggered_fields import StaggeredFields
 from flexmbd.continuum.interior.step_equations import NodalState, StepEnd, StepEquations, TriedStep
+from flexmbd.continuum.interior.turn_watch import TurnWatch
 from flexmbd.errors import SceneError
 from flexmbd.given import checked
 from flexmbd.multibody.bodies.body import RigidBody
@@ -102,6 +103,7 @@ class ImplicitContinuum:
         self._step: TriedStep | None = None  # that is tried
         self._known_energies: dict[str, float] | None = None  # of the last accepted state, once they were asked for
         self._plane = PlaneMotion(body)
+        self._watch = TurnWatch(body, nodes.law)
         self._halved: HalvedSteps | None = None  # where the error of updates is asked for
 
     def begin(self, t: float, motion: FrameMotion, gravity: FloatArray) -> FloatArray:
@@ -109,6 +111,7 @@ class ImplicitContinuum:
         body, bonds = self.body, self._bonds
         body.restore(self._first)
         self._halved = None
+        self._watch.begin()
         self._forget()
         self._set_gravity(np.asarray(gravity, dtype=float))
         p, R = bonds.pose(motion)
@@ -214,6 +217,7 @@ class ImplicitContinuum:
         self._state = replace(self._state, h=self._state.t - before.t)
         self._trial = self._iterated = self._step = self._known_energies = None
         self._nodes.joint.end_step()
+        self._watch.look(self._state.t)
 
     def revert(self) -> None:
         """See `ImplicitInterior.revert`."""
@@ -418,7 +422,11 @@ class ImplicitContinuum:
         return wrenches
 
     def _start_turns(self, motion: FrameMotion, unknowns: FloatArray) -> FloatArray:
-        """Set the rates of spins that forces of rotations (owned dofs,) cause; (k, 6) wrenches on the frames. Collective."""
+        """Set the rates of spins that forces of rotations (owned dofs,) cause. Collective.
+
+        Returns:
+            (k, 6) wrenches on the frames.
+        """
         nodes, now = self._nodes, self._current_state()
         R = nodes.axes(motion).R
         if nodes.turning is not None and now.turns is not None:

@@ -19,10 +19,10 @@ from flexmbd.continuum.interior.condensed_newton import CondensedNewton
 from flexmbd.continuum.interior.face_averages import FaceAverages
 from flexmbd.continuum.interior.frame_response import Condensation, FrameResponse
 from flexmbd.continuum.interior.further_unknowns import owned_further_dofs, with_unit_rows_of_further_unknowns
-from flexmbd.continuum.interior.nodal_turns import TurningNodes, turn_inertia
+from flexmbd.continuum.interior.nodal_turns import TurningNodes, refuse_turned_already, turn_inertia
 from flexmbd.continuum.interior.step_equations import BodyAxes, RestEquations, StepEquations
 from flexmbd.continuum.interior.touched_nodes import TouchedNodes
-from flexmbd.continuum.interior.turn_law import find_turn_law
+from flexmbd.continuum.interior.turn_law import TurnLaw, find_turn_law
 from flexmbd.errors import ConvergenceError
 from flexmbd.multibody.bodies.body import RigidBody
 from flexmbd.multibody.bodies.continuum_body import FrameMotion
@@ -42,6 +42,7 @@ class NodalSolution:
         bonds: its nodes on frames.
         bonded: (n,) local nodes that rigid frames hold.
         frames: condensation to them.
+        law: of unknowns that turn with the body; None: there are none.
         turning: nodes whose rotations have inertia; None: there are none.
         fixed: owned dofs that are given where frames are fixed.
         newton: of displacements where those of bonded nodes are given.
@@ -65,13 +66,15 @@ class NodalSolution:
         with as_fresh(body):
             diagonal = body.tangent(np.zeros(body.layout.n_local), dt=EPSILON).getDiagonal().array_r.copy()
         inertia = turn_inertia(body, self._M)
-        law = find_turn_law(body, diagonal) if body.turns else None
+        self.law: TurnLaw | None = find_turn_law(body, diagonal) if body.turns else None
+        refuse_turned_already(body, self.law)
         self.bonds = bonds = BondedNodes(
-            body, rigid_parts=rigid_parts, may_average=True, law=law, rotary=None if inertia is None else inertia.nodal
+            body, rigid_parts=rigid_parts, may_average=True, law=self.law,
+            rotary=None if inertia is None else inertia.nodal,
         )
         self.turning: TurningNodes | None = None
-        if inertia is not None and law is not None:
-            self.turning = TurningNodes(inertia, law, bonds.rotary, bonds.nodes, bonds.frame_of)
+        if inertia is not None and self.law is not None:
+            self.turning = TurningNodes(inertia, self.law, bonds.rotary, bonds.nodes, bonds.frame_of)
         self._averages = FaceAverages(body, bonds)
         bonds.take_lent_mass(self._M)
         self.bonded = bonds.nodes[~bonds.averaged]

@@ -26,6 +26,7 @@ from scipy.spatial.transform import Rotation
 from flexmbd.continuum import parallel
 from flexmbd.continuum.history.body_memory import BodyMemory
 from flexmbd.continuum.history.displacement_newton import Newton
+from flexmbd.continuum.history.fresh_body import is_fresh
 from flexmbd.continuum.history.nonlinear_model import NonlinearModel
 from flexmbd.continuum.history.tangent_solver import LinearSolver
 from flexmbd.continuum.interior.turn_law import TurnLaw
@@ -92,7 +93,8 @@ class TurnInertia:
 
         Args:
             Q: (local nodes, 3, 3), of the nodes.
-            w, a: (local nodes, 3) spins and their rates, in inertial axes.
+            w: (local nodes, 3) spins, rad/s, in inertial axes.
+            a: (local nodes, 3) their rates, rad/s^2.
         """
         omega, rate = (self._own_axes(Q, part) for part in (w, a))
         return self.momenta(rate) + np.cross(omega, self.momenta(omega))
@@ -254,17 +256,19 @@ class TurningNodes:
         found[:, 3:] = np.einsum("kab,kb->ka", J, alpha) + np.cross(w, np.einsum("kab,kb->ka", J, w))
         return found
 
-    def couple_slopes(self, motion: FrameMotion, per_x: float, per_v: float) -> FloatArray:
-        """(k, 3, 3) derivative of these by small turns of the frames, whose spins go by the scheme."""
-        J, found = self.inertial(motion), np.zeros_like(self.frame_inertia)
-        for k, inertia in enumerate(J):
-            w, alpha = motion.w[k], motion.alpha[k]
-            for i, turn in enumerate(np.eye(3)):
-                dw = per_v / per_x * turn
-                more = (np.cross(turn, inertia @ v) - inertia @ np.cross(turn, v) for v in (alpha, w))
-                of_alpha, of_w = more
-                found[k, :, i] = of_alpha + inertia @ turn / per_x
-                found[k, :, i] += np.cross(dw, inertia @ w) + np.cross(w, inertia @ dw + of_w)
+    def couple_change(
+        self, frame: int, turn: FloatArray, motion: FrameMotion, per_x: float, per_v: float
+    ) -> FloatArray:
+        """(k, 6) change of these where a frame turns by a small vector (3,), its spin going by the scheme."""
+        J, w, alpha = self.inertial(motion)[frame], motion.w[frame], motion.alpha[frame]
+        dw = per_v / per_x * turn
+
+        def turned(v: FloatArray) -> FloatArray:
+            """Change of J v with the axes of J."""
+            return np.cross(turn, J @ v) - J @ np.cross(turn, v)
+
+        found = np.zeros((len(self.frame_inertia), 6))
+        found[frame, 3:] = turned(alpha) + J @ turn / per_x + np.cross(dw, J @ w) + np.cross(w, J @ dw + turned(w))
         return found
 
     def inertial(self, motion: FrameMotion) -> FloatArray:
@@ -322,8 +326,9 @@ def turn_inertia(body: NonlinearModel, mass: PETSc.Mat) -> TurnInertia | None:
     if not all(comm.allgather(plain)):
         error = FormulationError(
             f"{name} has unknowns besides the displacement with a kinetic energy of their own that are not three "
-            "rotations at each of its nodes, about the mesh's axes, which alone a body with history that moves carries; "
-            "give them none where it is small, load it slowly (flexmbd.continuum.follow), or reduce it (craig_bampton)"
+            "rotations at each of its nodes, about the mesh's axes, which alone a body with history that moves "
+            "carries; give them none where it is small, load it slowly (flexmbd.continuum.follow), or reduce it "
+            "(craig_bampton)"
         )
     elif shared > EQUAL * reach * np.sqrt(masses):
         error = FormulationError(
@@ -338,3 +343,16 @@ def turn_inertia(body: NonlinearModel, mass: PETSc.Mat) -> TurnInertia | None:
         mass.mult(right, left)
         nodal[:, :, k] = left.array_r[dofs[: layout.n_owned_nodes]]
     return TurnInertia(body, mass, dofs, nodal)
+
+
+def refuse_turned_already(body: NonlinearModel, law: TurnLaw | None) -> None:
+    """Refuse a deformed body whose rotations are known by steps alone. Collective.
+
+    Raises:
+        FormulationError: on all ranks: it is one.
+    """
+    if law is not None and law.by_steps and not is_fresh(body):
+        raise FormulationError(
+            f"{body.form_name} adds up the rotation vectors of its steps, from which nobody knows how far a body "
+            "that is deformed already has turned; take a body that is new, and load it in the machine"
+        )

@@ -1,8 +1,8 @@
 """What finite rotation a node's rotational unknowns stand for: the law of a formulation, found by turning the body.
 
 A vector theta along the axis e of a rotation by the angle phi, small ones being phi e, is s(phi) e. A formulation of
-finite rotations has one s for which a rigid rotation costs nothing; one of small rotations has an s for which it costs
-least. With small turns delta of the node, exp(delta) R, the vector changes by T delta,
+finite rotations has one s for which a rigid rotation costs nothing; for one of small rotations phi e will do. With
+small turns delta of the node, exp(delta) R, the vector changes by T delta,
 
     T = s' e e^T + s/2 cot(phi/2) (1 - e e^T) - [theta]/2,
 
@@ -86,7 +86,6 @@ ANGLE = TurnVector(lambda phi: phi, lambda s: s, lambda phi: np.ones_like(phi))
 _LAWS = (
     ANGLE,
     TurnVector(lambda phi: 2 * np.tan(phi / 2), lambda s: 2 * np.arctan(s / 2), lambda phi: 1 / np.cos(phi / 2) ** 2),
-    TurnVector(np.sin, lambda s: np.arcsin(np.minimum(s, 1.0)), np.cos),
 )
 
 
@@ -110,7 +109,7 @@ SMALL_TURNS = TurnLaw(ANGLE, is_finite=False, by_steps=False)
 
 
 def find_turn_law(body: NonlinearModel, scale: FloatArray) -> TurnLaw:
-    """Turn the undeformed body and see what costs least. Collective.
+    """Turn the undeformed body and see what costs nothing. Collective.
 
     Args:
         body: with rotations at its nodes.
@@ -147,7 +146,7 @@ def find_turn_law(body: NonlinearModel, scale: FloatArray) -> TurnLaw:
             whole = Rotation.from_rotvec(_SECOND).as_matrix() @ first
             to_whole = field(whole, vectors[best] + _LAWS[best].vectors((whole @ first.T)[None])[0])
             by_steps = cost(to_whole - fields[best]) < SQUARED
-    return TurnLaw(_LAWS[best], costs[best] < SQUARED, by_steps)
+    return TurnLaw(_LAWS[best], True, by_steps) if costs[best] < SQUARED else SMALL_TURNS
 
 
 def _middle(body: NonlinearModel) -> FloatArray:
