@@ -391,7 +391,7 @@ class _Corrected:
         if equations.contacts.touches:
             touched = equations.touched(equations.motion(increment)[0])
             touched = touched.moved(equations.axes.to_inertial(change))
-        couples = part.bonds.turns.wrenches(residual, equations.axes.R)
+        couples = part.bonds.turns.wrenches(residual, trial.motion.R, equations.axes.R)
         inertial = equations.axes.to_inertial(residual)
         return cls(part, trial, part.with_ghosts(increment, change), inertial, couples, touched)
 
@@ -400,7 +400,8 @@ class _Corrected:
         equations, bonds, frames = self.trial.equations, self.part.bonds, self.part.frames
         arms = equations.axes.positions(self.increment, bonds.nodes) - self.trial.motion.p[bonds.frame_of]
         forces = frames.nodal_forces(self.residual, equations.held_accelerations - equations.step.gravity)
-        return frames.with_shapes(bonds.wrenches(forces, arms) + self.couples, self.touched)
+        couples = self.couples + frames.frame_couples(self.trial.motion)
+        return frames.with_shapes(bonds.wrenches(forces, arms) + couples, self.touched)
 
     def columns(self, facing: FloatArray) -> FrameColumns:
         """What the frames' unit motions do; facing: (owned nodes, 3) N, by other bodies of its kind. Collective."""

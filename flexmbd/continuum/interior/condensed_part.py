@@ -14,6 +14,7 @@ from flexmbd.continuum.history.nonlinear_model import NonlinearModel
 from flexmbd.continuum.interior.frame_response import Condensation
 from flexmbd.continuum.interior.further_unknowns import kinds_of_unknowns
 from flexmbd.continuum.interior.step_equations import StepEquations
+from flexmbd.continuum.matrices.blocks import multiply
 from flexmbd.multibody.bodies.continuum_body import FrameMotion
 
 FloatArray = NDArray[np.float64]
@@ -61,7 +62,7 @@ class CondensedPart:
         jumped = body.layout.at_dofs(jump[: body.layout.n_owned_nodes], owned=True)
         own = self.bonds.turns.own
         jumped[self.bonds.turns.dofs[own]] = self._turned(trial)[own]
-        inertia = (1.0 / equations.step.per_x) * body.layout.at_dofs(self.frames.product(jump), owned=True)
+        inertia = (1.0 / equations.step.per_x) * multiply(self.frames.mass, jumped[:, None])[:, 0]
         return jumped, inertia, constraints
 
     def placed(
@@ -83,10 +84,7 @@ class CondensedPart:
 
     def _turned(self, trial: BodyTrial) -> FloatArray:
         """(m,) how far unknowns that turn with frames have turned since the last accepted step."""
-        turns = self.bonds.turns
-        if not turns.any:
-            return np.zeros(0)
-        return turns.values(trial.motion.R, trial.equations.axes.R) - self.body.displacement[turns.dofs]
+        return self.bonds.turns.increments(trial.motion.R, trial.equations.axes.R, self.body.displacement)
 
     def keep(self, matrix: PETSc.Mat) -> None:
         """Keep a copy of the tangent. Collective."""
