@@ -58,14 +58,16 @@ def role(plan, row):
     g = sg.group_of(plan, row)
     if g < 0:
         return 0
-    count, first = 0, False
-    for e in range(plan.elements.shape[0]):
+    own = min(row[at.EL_NUMBER], plan.elements.shape[0] - 1)  # or before, of a plan that has but some of the rows
+    while plan.elements[own, at.EL_NUMBER] != row[at.EL_NUMBER]:
+        own -= 1
+    for e in range(own - 1, -1, -1):
         if is_of_group(plan, plan.elements[e], g):
-            first = first or (count == 0 and plan.elements[e, at.EL_NUMBER] == row[at.EL_NUMBER])
-            count += 1
-    if count == 1:
-        return 0
-    return 1 if first else 2
+            return 2
+    for e in range(own + 1, plan.elements.shape[0]):
+        if is_of_group(plan, plan.elements[e], g):
+            return 1
+    return 0
 
 
 @deferred_kernel(INTEGER)
@@ -99,6 +101,7 @@ def press_group(plan, work, g, x):
                 m = sg.gather_contacts(plan, work, row, g, slots, m)
     count = sg.press_contacts(plan, work, g, m if overlap else 0)
     last[sg.BEARING] = count
+    sg.count_bearing(plan, work, g, count)
     return count
 
 

@@ -278,14 +278,14 @@ def _add_group(plan, work, tw, to, g, x, v, a, per_x, per_v, per_a, values):
     first, n = True, to.starts[2]
     for e in range(plan.elements.shape[0]):
         row = plan.elements[e]
-        if is_of_group(plan, row, g):
+        if is_of_group(plan, row, g) and sg.bears(plan, work, row):
             one, other = _own_block(plan, to, row[at.EL_F]), _own_block(plan, to, row[at.EL_G])
             at_f, at_g = block_view(values, one[0], one[1], n), block_view(values, other[0], other[1], n)
             load_member_edges(plan, work, tw, row, x, v, a, per_x, per_v, per_a, at_f, at_g)
     put_surface_group(plan, work, tw, g, per_x)
     for e in range(plan.elements.shape[0]):
         row = plan.elements[e]
-        if not is_of_group(plan, row, g):
+        if not (is_of_group(plan, row, g) and sg.bears(plan, work, row)):
             continue
         count, moved = put_surface_member(plan, work, tw, row, per_x)
         _add_changes(tw, to, e, count, moved, values)

@@ -47,8 +47,6 @@ def _add_member(plan, work, row, g, x, bearing):
     known = matrix_view(work.generalized, sg.of_group(plan, g, sg.MEMBERS), members + 1, sg.N_KNOWN)
     store3(known[sg.number_in_group(plan, row)], sg.FORCED, force)
     store3(known[sg.number_in_group(plan, row)], sg.TWISTED, torque)
-    if count <= 0:
-        return
     _, p, n = sl.table_of(plan, row)
     _, size, n_other = sl.other_of(plan, row)
     own, N = 6 + n + n_other, padded(sg.of_group(plan, g, sg.N_UNKNOWNS))
@@ -76,7 +74,7 @@ def _write_stiffness(plan, work, g, x, count):
     matrix_view(work.generalized, to, N, N)[:, :] = 0.0
     matrix_view(work.generalized, rows, count, N)[:, :] = 0.0
     for e in range(plan.elements.shape[0]):
-        if is_of_group(plan, plan.elements[e], g):
+        if is_of_group(plan, plan.elements[e], g) and sg.bears(plan, work, plan.elements[e]):
             _add_member(plan, work, plan.elements[e], g, x, count)
     sg.add_couples_by_forces(plan, work, g, count)
     sg.add_couples_by_turns(plan, work, g, count)
@@ -135,7 +133,7 @@ def put_surface_group(plan, work, tw, g, per_x):
     unknowns = sg.of_group(plan, g, sg.N_UNKNOWNS)
     tw.path_rates[: unknowns + 1, :] = 0.0
     for e in range(plan.elements.shape[0]):
-        if is_of_group(plan, plan.elements[e], g):
+        if is_of_group(plan, plan.elements[e], g) and sg.bears(plan, work, plan.elements[e]):
             _add_moved(plan, work, tw, plan.elements[e], g, per_x)
     K = matrix_view(work.generalized, sg.of_group(plan, g, sg.STIFFNESS), unknowns, padded(unknowns))
     for b in range(sg.of_group(plan, g, sg.N_BODIES)):

@@ -133,13 +133,13 @@ def _add_group(plan, work, tw, g, x, v, a, per_x, per_v, per_a, matrix):
     if not stiffen_group(plan, work, g, x):
         return
     for e in range(plan.elements.shape[0]):
-        if is_of_group(plan, plan.elements[e], g):
+        if is_of_group(plan, plan.elements[e], g) and sg.bears(plan, work, plan.elements[e]):
             load_member_edges(plan, work, tw, plan.elements[e], x, v, a, per_x, per_v, per_a, matrix, matrix)
     put_surface_group(plan, work, tw, g, per_x)
     first = True
     for e in range(plan.elements.shape[0]):
         row = plan.elements[e]
-        if not is_of_group(plan, row, g):
+        if not (is_of_group(plan, row, g) and sg.bears(plan, work, row)):
             continue
         count, moved = put_surface_member(plan, work, tw, row, per_x)
         add_changes(tw, count, moved, matrix)
