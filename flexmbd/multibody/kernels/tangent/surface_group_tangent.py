@@ -11,7 +11,7 @@ from flexmbd.multibody.kernels.algebra.so3 import add3, cross3, load3, rotate, s
 from flexmbd.multibody.kernels.base import plan_layout as at
 from flexmbd.multibody.kernels.base.block_view import matrix_view
 from flexmbd.multibody.kernels.base.compiling import kernel
-from flexmbd.multibody.kernels.base.deferred import FLAG, deferred_kernel
+from flexmbd.multibody.kernels.base.deferred import INTEGER, deferred_kernel
 from flexmbd.multibody.kernels.base.lanes import padded
 from flexmbd.multibody.kernels.elements import surface_groups as sg
 from flexmbd.multibody.kernels.elements import surface_layout as sl
@@ -115,13 +115,13 @@ def modes_of_body(plan, g, b):
     return 0, 0
 
 
-@deferred_kernel(FLAG)
+@deferred_kernel(INTEGER)
 def stiffen_group(plan, work, g, x):
-    """Write K of a group, and what acts on its members; whether any bear."""
+    """Write K of a group, and what acts on its members; returns what ``press_group`` does."""
     count = press_group(plan, work, g, x)
     if count > 0:
         _write_stiffness(plan, work, g, x, count)
-    return count > 0
+    return count
 
 
 @deferred_kernel()
