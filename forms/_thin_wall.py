@@ -71,7 +71,7 @@ class AssumedStrain(NamedTuple):
     Attributes:
         strain: (3, 3), linear in the fields of the cell.
         ties: terms, J/m^3, whose stationary value ties the assumed strain to the displacement's; added to the energy.
-        virtual_work: of a symmetric stress (3, 3), Pa, and a virtual unknown: its work on the strain's variation, J/m^3.
+        virtual_work: of a symmetric stress (3, 3), Pa, and a virtual unknown: work on the strain's variation, J/m^3.
         virtual_ties: of a virtual unknown, the variation of ``ties``.
     """
 
@@ -82,7 +82,7 @@ class AssumedStrain(NamedTuple):
 
 
 class _Fields(NamedTuple):
-    """The fields of the cell: thickness strain, and constants, of shears, of the stresses that tie, of membrane strains."""
+    """The fields of the cell: thickness strain; constants of shears, of both kinds of ties, of membrane strains."""
 
     thickness: Expr
     shear: list[Expr]
@@ -170,7 +170,7 @@ def _fields(w: Expr) -> _Fields:
 
 
 def _shear_vector(edge: Expr, over: Expr, size: list[Expr], a: int) -> Callable[[_Fields], Expr]:
-    """The part of a transverse shear that is a vector's lets constant strains stay so in cells askew in the wall's plane."""
+    """The part of a transverse shear that is a vector's: it lets constant strains stay so in cells that are askew."""
 
     def vector(fields: _Fields) -> Expr:
         along = over[0, :] * size[0] * fields.shear[0] + over[1, :] * size[1] * fields.shear[1]

@@ -29,6 +29,7 @@ def _inner_of_lane(inner, room, lane):  # type: ignore[no-untyped-def]
     return CellUnknowns(
         inner.shared, inner.places, inner.values, inner.before, inner.inverse, inner.coupling, inner.known,
         inner.solved, room.force[lane], room.change[lane], room.step[lane], room.moved[lane], room.search[lane],
+        room.lacks[lane],
     )  # fmt: skip
 
 

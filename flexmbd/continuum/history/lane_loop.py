@@ -46,7 +46,8 @@ class LaneRoom(NamedTuple):
         one: what work at one cell needs besides.
         found: (lanes,) what has become of cells with fields of their own.
         values: (lanes, m) these fields before.
-        force: (lanes, n + m), change, step: (lanes, m), moved: (lanes, n), search: (lanes, 4), as in `CellUnknowns`.
+        force: (lanes, n + m), change, step: (lanes, m), moved: (lanes, n), search: (lanes, 4), lacks: (lanes, 2, m), as
+            in `CellUnknowns`.
     """
 
     cells: NDArray[np.int64]
@@ -64,6 +65,7 @@ class LaneRoom(NamedTuple):
     step: FloatArray
     moved: FloatArray
     search: FloatArray
+    lacks: FloatArray
 
 
 @kernel
