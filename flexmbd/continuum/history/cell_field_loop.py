@@ -29,17 +29,17 @@ UNDERFLOW = 1e-290
 
 
 @kernel
-def _product(matrix, begin, x):  # type: ignore[no-untyped-def]
-    """Product of a matrix's row, which begins there, with x; by four sums, for one would wait for itself."""
+def _product(row, x):  # type: ignore[no-untyped-def]
+    """Product of a matrix's row with x; by four sums, for one would wait for itself."""
     n = x.shape[0]
     first, second, third, fourth = 0.0, 0.0, 0.0, 0.0
     for j in range(0, n - 3, 4):
-        first += matrix[begin + j] * x[j]
-        second += matrix[begin + j + 1] * x[j + 1]
-        third += matrix[begin + j + 2] * x[j + 2]
-        fourth += matrix[begin + j + 3] * x[j + 3]
+        first += row[j] * x[j]
+        second += row[j + 1] * x[j + 1]
+        third += row[j + 2] * x[j + 2]
+        fourth += row[j + 3] * x[j + 3]
     for j in range(n - n % 4, n):
-        first += matrix[begin + j] * x[j]
+        first += row[j] * x[j]
     return (first + second) + (third + fourth)
 
 
@@ -52,7 +52,7 @@ def _solve(inverse, lack, step):  # type: ignore[no-untyped-def]
     for k in range(m):
         x = lack[k]
         for i in range(m):
-            step[i] -= inverse[m * k + i] * x
+            step[i] -= inverse[k, i] * x
 
 
 @kernel
@@ -71,7 +71,7 @@ def gather_whole(cell, blocks, width, fields, inner, room, predicts):  # type: i
     if follows:
         coupling, inverse = inner.coupling[cell], inner.inverse[cell]
         for k in range(m):
-            inner.lacks[0, k] = _product(coupling, n * k, inner.moved)
+            inner.lacks[0, k] = _product(coupling[k], inner.moved)
         _solve(inverse, inner.lacks[0], inner.change)
     for i in range(m):
         if not follows:
@@ -84,7 +84,7 @@ def gather_whole(cell, blocks, width, fields, inner, room, predicts):  # type: i
 
 @kernel
 def _newton_step(cell, inner):  # type: ignore[no-untyped-def]
-    """A step of the fields of a cell by what their equations lack, in ``inner.step``; ``inner.moved``: what it moves."""
+    """A step of a cell's fields by what their equations lack, and what it moves: ``inner.step``, ``inner.moved``."""
     n, m, coupling, moved = inner.shared.shape[0], inner.places.shape[0], inner.coupling[cell], inner.moved
     for k in range(m):
         inner.lacks[0, k] = inner.force[inner.places[k]]
@@ -94,7 +94,7 @@ def _newton_step(cell, inner):  # type: ignore[no-untyped-def]
     for k in range(m):
         x = inner.step[k]
         for j in range(n):
-            moved[j] += coupling[n * k + j] * x
+            moved[j] += coupling[k, j] * x
 
 
 @kernel
@@ -133,7 +133,7 @@ def _learn(cell, inner):  # type: ignore[no-untyped-def]
     for k in range(m):
         x = head * step[k]
         for i in range(m):
-            inverse[m * k + i] += step[i] * x
+            inverse[k, i] += step[i] * x
     share = before / (before - after)
     for i in range(m):
         step[i] *= share
@@ -152,8 +152,8 @@ def _is_round_off(cell, room, inner):  # type: ignore[no-untyped-def]
         for k in range(m):
             summed = 0.0
             for j in range(n):
-                summed += abs(coupling[n * k + j] * room.row[inner.shared[j]])
-            size += abs(inverse[m * k + i]) * summed
+                summed += abs(coupling[k, j] * room.row[inner.shared[j]])
+            size += abs(inverse[k, i]) * summed
         if abs(inner.change[i]) > ROUND_OFF * size:
             return False
     return True
@@ -172,15 +172,15 @@ def _is_round_off_of_forces(cell, room, inner, moved, extent):  # type: ignore[n
     for k in range(m):
         summed[k] = 0.0
         for j in range(n):
-            summed[k] += abs(coupling[n * k + j]) * (abs(room.row[inner.shared[j]]) + extent)
+            summed[k] += abs(coupling[k, j]) * (abs(room.row[inner.shared[j]]) + extent)
     for j in range(n):
         largest[j] = 0.0
     for i in range(m):
         size = abs(inner.values[cell, i])
         for k in range(m):
-            size += abs(inverse[m * k + i]) * summed[k]
+            size += abs(inverse[k, i]) * summed[k]
         for j in range(n):
-            largest[j] += abs(coupling[n * i + j]) * size
+            largest[j] += abs(coupling[i, j]) * size
     most = 0.0
     for j in range(n):
         most = max(most, largest[j])

@@ -58,8 +58,8 @@ class CellFieldsSolved:
             places=fields.cell_places.astype(np.int64),
             values=np.zeros((cells, m)),
             before=np.zeros_like(u.x.array),
-            inverse=np.zeros((cells, m * m)),
-            coupling=np.zeros((cells, m * n)),
+            inverse=np.zeros((cells, m, m)),
+            coupling=np.zeros((cells, m, n)),
             known=np.zeros(cells, dtype=np.int64),
             solved=np.ones(cells, dtype=np.int64),
             force=np.zeros(n + m),
@@ -87,7 +87,7 @@ class CellFieldsSolved:
             (self.unknowns.inverse, found.inverse.transpose(0, 2, 1)),
             (self.unknowns.coupling, found.coupling.transpose(0, 2, 1)),
         ):
-            kept[usable] = new[~found.singular].reshape(len(usable), kept.shape[1])
+            kept[usable] = new[~found.singular]
         self.unknowns.known[usable] = 1
         return found
 
@@ -153,5 +153,5 @@ class CellFieldsSolved:
 def no_cell_fields() -> CellUnknowns:
     """As the compiled loop takes them where there are none."""
     none, numbers = np.zeros(0), np.zeros(0, dtype=np.int64)
-    return CellUnknowns(numbers, numbers, np.zeros((0, 0)), none, np.zeros((0, 0)), np.zeros((0, 0)), numbers, numbers,
-                        none, none, none, none, none, np.zeros((2, 0)))  # fmt: skip
+    return CellUnknowns(numbers, numbers, np.zeros((0, 0)), none, np.zeros((0, 0, 0)), np.zeros((0, 0, 0)), numbers,
+                        numbers, none, none, none, none, none, np.zeros((2, 0)))  # fmt: skip
