@@ -211,8 +211,7 @@ def _on_gradient(density: Expr, virtual: Expr, begin: Expr | None) -> Expr:
 
     Of its upper triangle, which is all that works.
     """
-    unit = [[1.0 if i == j else 0.0 for j in range(3)] for i in range(3)]
-    rows = unit if begin is None else _inverse(begin)
+    rows = ufl.Identity(3) if begin is None else _inverse(begin)
     domain = ufl.domain.extract_unique_domain(virtual)
     element = basix.ufl.element("DG", str(domain.ufl_cell()), 0, shape=(3, 3))
     symbol = ufl.Coefficient(ufl.FunctionSpace(domain, element))
@@ -221,7 +220,7 @@ def _on_gradient(density: Expr, virtual: Expr, begin: Expr | None) -> Expr:
 
     def of(i: int, j: int) -> Expr:
         varied = [[0.0] * 3 for _ in range(3)]
-        varied[i] = [rows[j][k] if begin is None else rows[j, k] for k in range(3)]
+        varied[i] = [rows[j, k] for k in range(3)]
         return ufl.replace(density, {symbol: ufl.as_matrix(varied)})
 
     return ufl.as_matrix([[of(i, j) if j >= i else 0.0 for j in range(3)] for i in range(3)])
