@@ -119,6 +119,7 @@ class Newton:
         linear: solves the linear systems, keeping factors.
         predicts: whether stresses are unknowns of their own by now: tangents are to be taken with predicted ones.
         noise: round-off of the forces on free dofs.
+        still: whether tangents are without inertia.
     """
 
     def __init__(
@@ -129,6 +130,7 @@ class Newton:
         solver: LinearSolver = DEFAULT_SOLVER,
         convergence: Convergence = DEFAULT_CONVERGENCE,
         predicts: bool = False,
+        still: bool = False,
     ) -> None:
         """Allocate.
 
@@ -138,6 +140,7 @@ class Newton:
             solver: of the linear systems.
             convergence: when to end.
             predicts: whether stresses become unknowns of their own (`stress_predictor`) once a step creeps.
+            still: whether tangents are the body's own, without inertia, so that they show the round-off of a law in F.
         """
         self.body, self.prescribed = body, np.asarray(prescribed, dtype=np.int32)
         self.reuse_below, self._forcing_term = solver.reuse_below, solver.forcing_term
@@ -146,7 +149,7 @@ class Newton:
         self.linear = TangentSolver(body, self.prescribed, solver)
         self._ghosted = body.vector()
         self.predicts, self._may_predict = False, predicts and body.predicts_stress
-        self.noise = ForceNoise(body, self._free)
+        self.noise, self.still = ForceNoise(body, self._free), still
 
     def solve(
         self,
@@ -362,7 +365,7 @@ class _StepProblem:
         self._left = method.without_constraint_forces(here.balance.residual, self._constraints)
         residuals.append(method.free_norm(self._left) / size if size else 0.0)
         noise = max(rule.round_off, min(self._noise.of_displacement / size, UNBALANCED) if size else 0.0)
-        if size and self._moves <= UNBALANCED**2 * self._energy:
+        if size and method.still and self._moves <= UNBALANCED**2 * self._energy:
             noise = max(noise, self._noise.of_gradient / size)
         stalled = len(residuals) > 2 and 0.5 * residuals[-2] < residuals[-1] <= noise
         return (residuals[-1] <= rule.tolerance or stalled) and not self._jumps(here)
