@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from flexmbd.continuation.line_search import ShareTrial, by_work, searched
 from flexmbd.continuation.newton import Correction, newton
 from flexmbd.continuum.history.cell_pass import LocalEquationError
-from flexmbd.continuum.history.force_noise import ForceNoise, Noise
 from flexmbd.continuum.history.nonlinear_model import NonlinearModel
+from flexmbd.continuum.history.residual_noise import NoiseForces, ResidualNoise
 from flexmbd.continuum.history.tangent_solver import DEFAULT_SOLVER, LinearSolver, TangentSolver
 from flexmbd.continuum.history.trial_errors import InvertedCellError
 from flexmbd.continuum.matrices.blocks import inner
@@ -149,7 +149,7 @@ class Newton:
         self.linear = TangentSolver(body, self.prescribed, solver)
         self._ghosted = body.vector()
         self.predicts, self._may_predict = False, predicts and body.predicts_stress
-        self.noise, self.still = ForceNoise(body, self._free), still
+        self.noise, self.still = ResidualNoise(body, self._free), still
 
     def solve(
         self,
@@ -347,7 +347,7 @@ class _StepProblem:
         self.residuals: list[float] = []
         self._method, self._forces, self._tangent = method, forces, tangent
         self._constraints = self._open = constraints
-        self._noise = Noise(0.0, 0.0)
+        self._noise = NoiseForces(0.0, 0.0)
         self._energy = self._moves = 0.0  # of the increment by the tangent, and of the last correction
         self._left: FloatArray = np.zeros(0)
         self._matrix = PETSc.Mat()  # no handle before the first

@@ -24,8 +24,8 @@ from flexmbd.continuation.newton import corrected
 from flexmbd.continuation.request import looked_at
 from flexmbd.continuation.space import ALIKE, APART, LOAD_DIFFERENCE, PathDirection, unit
 from flexmbd.continuum.history.displacement_newton import UNBALANCED, Balance, Convergence
-from flexmbd.continuum.history.force_noise import ForceNoise, Noise
 from flexmbd.continuum.history.nonlinear_model import HistorySnapshot
+from flexmbd.continuum.history.residual_noise import NoiseForces, ResidualNoise
 from flexmbd.continuum.history.tangent_solver import LinearSolver, TangentSolver, is_symmetric
 from flexmbd.continuum.matrices.blocks import inner
 from flexmbd.continuum.slow_loading.body_point import BodyPoint, BodySpectrum
@@ -62,7 +62,7 @@ class BodyPathSpace:
         self.solver = TangentSolver(body, prescribed, LinearSolver(0), counts=True)
         self._free = np.setdiff1d(np.arange(body.n_owned), np.union1d(prescribed, body.held_dofs))
         self._ghosted = body.vector()
-        self._noises, self._noise = ForceNoise(body, self._free), Noise(0.0, 0.0)
+        self._noises, self._noise = ResidualNoise(body, self._free), NoiseForces(0.0, 0.0)
         self._size, self._weights = motion_metric(body)
         self.typical, self._round_off = 1.0, 0.0
         self._factored: BodyPoint | None = None

@@ -24,7 +24,7 @@ FloatArray = NDArray[np.float64]
 _LAST_PLACES = 4.0  # units in the last place of rounded numbers
 
 
-class Noise(NamedTuple):
+class NoiseForces(NamedTuple):
     """2-norms of forces on free dofs, N.
 
     Attributes:
@@ -36,20 +36,20 @@ class Noise(NamedTuple):
     of_gradient: float
 
 
-class ForceNoise:
+class ResidualNoise:
     """That of one body. Constructing one is not collective."""
 
     def __init__(self, body: NonlinearModel, free: NDArray[np.intp]) -> None:
         """``free``: owned dofs that are not prescribed."""
         self._body, self._free = body, free
 
-    def of(self, matrix: PETSc.Mat, increment: FloatArray) -> Noise:
+    def of(self, matrix: PETSc.Mat, increment: FloatArray) -> NoiseForces:
         """At an increment (local dofs including ghosts,) m, by the tangent there. Collective."""
         body, n = self._body, self._body.n_owned
         diagonal = matrix.getDiagonal().array_r
         moved = diagonal * (body.displacement[:n] + increment[:n])
         sizes = [_LAST_PLACES * EPSILON * body.norm(part[self._free]) for part in (moved, diagonal * self._edges)]
-        return Noise(*sizes)
+        return NoiseForces(*sizes)
 
     @cached_property
     def _edges(self) -> FloatArray:
