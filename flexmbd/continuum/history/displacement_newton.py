@@ -244,7 +244,7 @@ class Newton:
             step -= self._constraint_correction(step[:, None], self._responses, constraints)[:, 0]
         self._ghosted.array[: self.body.n_owned] = step
         self._ghosted.scatter_forward()
-        return self._ghosted.array.copy()
+        return self.body.complete(self._ghosted.array.copy())
 
     def _constraint_correction(
         self, steps: FloatArray, responses: FloatArray, constraints: LinearConstraints

@@ -237,6 +237,7 @@ class CondensedNewton:
         gap = places - layout.displacements(increment)[bonds.nodes]
         increment[layout.displacement_dofs[self._held]] = places[~bonds.averaged]
         increment[bonds.turns.dofs] = self._turned(equations, motion)
+        self._body.complete(increment)
         return increment, self._averages.constraints(motion, axes.R, displacement=gap)
 
     def _turned(self, equations: StepEquations, motion: FrameMotion) -> FloatArray:
@@ -296,7 +297,7 @@ class CondensedNewton:
         touched = None
         if equations.contacts.touches:
             touched = equations.touched(equations.motion(increment)[0])
-            touched = touched.moved(equations.axes.to_inertial(change))
+            touched = touched.moved(self._body.complete_nodes(equations.axes.to_inertial(change.copy())))
         if not fresh and self._kept is not None:
             arms = equations.axes.positions(corrected, bonds.nodes) - motion.p[bonds.frame_of]
             forces = frames.nodal_forces(residual, equations.held_accelerations - equations.step.gravity)
@@ -340,7 +341,7 @@ class CondensedNewton:
         vector = self._vector
         vector.array[: self._body.n_owned] = increment[: self._body.n_owned] + change
         vector.scatter_forward()
-        return np.asarray(vector.array.copy())
+        return self._body.complete(vector.array.copy())
 
     def _without_constraint_forces(self, residual: FloatArray, constraints: LinearConstraints | None) -> FloatArray:
         """The residual on the nodes that no frame holds, less the forces that keep the constraints. Collective."""

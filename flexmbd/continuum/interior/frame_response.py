@@ -152,7 +152,7 @@ class Condensation:
         nodes, n, (per_x, per_v) = bonds.nodes, body.layout.n_owned_nodes, slopes
         internal = residual - self.product(apparent_acceleration) + dead_load
         if touched is not None:
-            internal = internal + touched.at_nodes(touched.force, n)
+            internal = internal + body.condense_nodes(touched.at_nodes(touched.force, n))
         nodal_forces = self.nodal_forces(residual, apparent_acceleration[nodes[~bonds.averaged]])
         own_columns = 6 * len(bonds.frames)
         columns = range(6 * len(motion.p))
@@ -169,7 +169,8 @@ class Condensation:
                 relative[j] -= carried[j]
                 turned[j] = _crossed(turn, internal)
                 if touched is not None:  # what touches goes by the whole motion
-                    turned[j] -= touched.at_nodes(touched.changes(carried[j, touched.nodes]), n)
+                    changed = touched.changes(carried[j, touched.nodes])
+                    turned[j] -= body.condense_nodes(touched.at_nodes(changed, n))
             accelerations[j] = (-1.0 / per_x) * relative[j]
             accelerations[j, nodes[own]] += da[own]
             # the forces that keep the averages turn with their frame
@@ -177,7 +178,8 @@ class Condensation:
             constraint_forces[j, nodes[mine]] = _crossed(turn, nodal_forces[mine])
         if touched is not None:
             for j in columns[own_columns:]:
-                turned[j] = -touched.at_nodes(touched.by_frame(*divmod(j - own_columns, 6)), n)
+                by_frame = touched.by_frame(*divmod(j - own_columns, 6))
+                turned[j] = -body.condense_nodes(touched.at_nodes(by_frame, n))
         given = self._given(relative @ R, moves, R)
         left = multiply(tangent, given) + multiply(self.mass, self.columns(accelerations @ R))
         left += self.columns(turned @ R)
@@ -195,6 +197,8 @@ class Condensation:
                     wrench[:, 3:] += _crossed(moves[j][2], couples[:, 3:])
             derivative[:own_columns, j] = wrench.reshape(-1)
         relative += moved
+        for field in relative if body.ties is not None else ():
+            body.complete_nodes(field)
         if touched is not None:
             derivative[own_columns:] = self._on_shapes(touched, carried + relative, own_columns)
         wrenches = self.with_shapes(bonds.wrenches(nodal_forces, arms) + couples, touched)

@@ -373,7 +373,7 @@ class ImplicitContinuum:
         axes = self._nodes.axes(motion)
         internal = self.body.force(np.zeros(self.body.layout.n_local), dt=0.0)
         couples = self._bonds.turns.wrenches(internal, axes.R)
-        acting = self._loads.now + self._contacts.nodal()
+        acting = self._loads.now + self.body.condense_nodes(self._contacts.nodal())
         found = self._start_accelerations(motion, axes.to_inertial(internal) - acting)
         found[: len(couples)] += couples
         return found
