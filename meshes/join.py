@@ -45,7 +45,7 @@ def join(parts: Mapping[str, TaggedMesh]) -> TaggedMesh:
 
 def _fault(parts: Mapping[str, TaggedMesh]) -> str:
     if len(parts) < 2:
-        return f'join takes two meshes by their names or more, as join({{"web": web, "flange": flange}}), got {len(parts)}'
+        return f'join takes two meshes or more by names, as join({{"web": web, "flange": flange}}), got {len(parts)}'
     kinds = {}
     for name, part in parts.items():
         if not name:

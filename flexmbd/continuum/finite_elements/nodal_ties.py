@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
 from typing import Any
 
 from mpi4py import MPI
@@ -140,8 +141,8 @@ class NodalTies:
         wrong = np.flatnonzero(((follow > 0.0) & (open_share > 0.0)).any(axis=1))
         if len(wrong):
             raise kind(
-                f"{by} hold node {self.numbers[wrong[0]]} at {told_place(self.places[wrong[0]])} m, which follows others "
-                "by a weld, and not all of those that it follows: hold these too, or end the weld before it"
+                f"{by} hold node {self.numbers[wrong[0]]} at {told_place(self.places[wrong[0]])} m, which follows "
+                "others by a weld, and not all of those that it follows: hold these too, or end the weld before it"
             )
 
     @cached_property
@@ -265,19 +266,19 @@ def bound_ties(
     if not ties:
         return None
     ties = sorted(ties, key=lambda tie: tie.node)
-    for one, other in zip(ties, ties[1:], strict=False):
+    for one, other in pairwise(ties):
         if one.node == other.node:
             raise kind(
-                f"{one.weld} and {other.weld} both tie node {one.node} at {told_place(one.place)} m, which cannot follow "
-                "two facets; take the nodes of the other side in one of them, or a group that ends before it"
+                f"{one.weld} and {other.weld} both tie node {one.node} at {told_place(one.place)} m, which cannot "
+                "follow two facets; take the nodes of the other side in one of them, or a group that ends before it"
             )
     try:
         weights = resolved(ties)
     except ValueError as circle:
         tie = ties[circle.args[0]]
         raise kind(
-            f"{tie.weld}: node {tie.node} at {told_place(tie.place)} m follows, through other ties, itself; turn one of "
-            "the welds around, so that its other side follows"
+            f"{tie.weld}: node {tie.node} at {told_place(tie.place)} m follows, through other ties, itself; turn one "
+            "of the welds around, so that its other side follows"
         ) from None
     known = np.unique(weights.indices)
     follows = np.array([tie.node for tie in ties])

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from flexmbd.continuum import parallel
 from flexmbd.continuum.finite_elements.discrete_forms import DiscreteForms
 from flexmbd.continuum.finite_elements.interface import AveragedInterface, mesh_group
-from flexmbd.continuum.finite_elements.nodal_ties import NodalTies, Tie, bound_ties, told_place
+from flexmbd.continuum.finite_elements.nodal_ties import Tie, bound_ties, told_place
 from flexmbd.continuum.finite_elements.nodes import node_numbers
 from flexmbd.continuum.finite_elements.weld_places import FoundPlaces, find_places
 from flexmbd.continuum.grid.pieces import pieces
@@ -122,6 +122,7 @@ def _ties(weld: Weld, forms: DiscreteForms, known: IntArray) -> list[Tie]:
             listed = ", ".join(map(repr, sorted(there))) or "none"
             raise MeshError(f"{weld}: the mesh has no group {name!r} of {kinds}; it has: {listed}")
     group = mesh_group(weld.nodes, mesh)
+    mesh.mesh.topology.create_connectivity(2, 3)
     nodes = layout.nodes_on(group.dim, group.entities)
     facing = layout.nodes_on(2, mesh.facets(weld.facets))
     held = np.unique(np.concatenate(comm.allgather(known[facing])))
@@ -168,8 +169,9 @@ def _refuse_gaps(weld: Weld, numbers_of: IntArray, x: FloatArray, found: FoundPl
     gap, size = found.gaps[worst], found.sizes[worst]
     raise MeshError(
         f"{weld}: {far.sum()} of {len(far)} nodes lie off the facets; the greatest gap is {gap:.4g} m, of node "
-        f"{numbers_of[worst]} at {told_place(x[worst])} m, beside a facet of the size {size:.4g} m: bring the parts "
-        f"together, take the group that lies there, or allow for it, within={1.05 * gap / size:.3g} (now {weld.within:g})"
+        f"{numbers_of[worst]} at {told_place(x[worst])} m, beside a facet of the size {size:.4g} m: bring the "
+        f"parts together, take the group that lies there, or allow for it, within={1.05 * gap / size:.3g} (now "
+        f"{weld.within:g})"
     )
 
 
@@ -231,7 +233,7 @@ def _refuse_loose(forms: DiscreteForms, known: IntArray | None, ties: Sequence[T
     moves = np.linalg.norm(free - free[:, :1], axis=(0, 2))
     k = int(moves.argmax())
     raise MeshError(
-        f"the welds leave the part around {told_place(found.middles[k])} m ({found.cells[k]} cells) free to move, or to "
-        "turn about a line as on a hinge: weld it along more than one straight line of nodes, as the facets of an "
+        f"the welds leave the part around {told_place(found.middles[k])} m ({found.cells[k]} cells) free to move, or "
+        "to turn about a line as on a hinge: weld it along more than one straight line of nodes, as the facets of an "
         "edge's whole thickness"
     )

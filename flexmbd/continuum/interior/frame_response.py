@@ -152,7 +152,7 @@ class Condensation:
         nodes, n, (per_x, per_v) = bonds.nodes, body.layout.n_owned_nodes, slopes
         internal = residual - self.product(apparent_acceleration) + dead_load
         if touched is not None:
-            internal = internal + body.condense_nodes(touched.at_nodes(touched.force, n))
+            internal = internal + self._on_nodes(touched, touched.force)
         nodal_forces = self.nodal_forces(residual, apparent_acceleration[nodes[~bonds.averaged]])
         own_columns = 6 * len(bonds.frames)
         columns = range(6 * len(motion.p))
@@ -169,8 +169,7 @@ class Condensation:
                 relative[j] -= carried[j]
                 turned[j] = _crossed(turn, internal)
                 if touched is not None:  # what touches goes by the whole motion
-                    changed = touched.changes(carried[j, touched.nodes])
-                    turned[j] -= body.condense_nodes(touched.at_nodes(changed, n))
+                    turned[j] -= self._on_nodes(touched, touched.changes(carried[j, touched.nodes]))
             accelerations[j] = (-1.0 / per_x) * relative[j]
             accelerations[j, nodes[own]] += da[own]
             # the forces that keep the averages turn with their frame
@@ -178,8 +177,7 @@ class Condensation:
             constraint_forces[j, nodes[mine]] = _crossed(turn, nodal_forces[mine])
         if touched is not None:
             for j in columns[own_columns:]:
-                by_frame = touched.by_frame(*divmod(j - own_columns, 6))
-                turned[j] = -body.condense_nodes(touched.at_nodes(by_frame, n))
+                turned[j] = -self._on_nodes(touched, touched.by_frame(*divmod(j - own_columns, 6)))
         given = self._given(relative @ R, moves, R)
         left = multiply(tangent, given) + multiply(self.mass, self.columns(accelerations @ R))
         left += self.columns(turned @ R)
@@ -196,9 +194,7 @@ class Condensation:
                 if j < 6:
                     wrench[:, 3:] += _crossed(moves[j][2], couples[:, 3:])
             derivative[:own_columns, j] = wrench.reshape(-1)
-        relative += moved
-        for field in relative if body.ties is not None else ():
-            body.complete_nodes(field)
+        relative = self._completed(relative + moved)
         if touched is not None:
             derivative[own_columns:] = self._on_shapes(touched, carried + relative, own_columns)
         wrenches = self.with_shapes(bonds.wrenches(nodal_forces, arms) + couples, touched)
@@ -206,6 +202,14 @@ class Condensation:
             followed[bonds.turns.dofs[bonds.turns.own]] = given[bonds.turns.dofs[bonds.turns.own]]
         in_axes = self.columns(relative @ R, further=followed)
         return FrameResponse(wrenches, derivative, carried + relative, in_axes, nodal_forces)
+
+    def _on_nodes(self, touched: TouchedNodes, forces: FloatArray) -> FloatArray:
+        """(owned nodes, 3) N, of forces (n, 3) N on nodes that touch. Collective with ties."""
+        return self.body.condense_nodes(touched.at_nodes(forces, self.body.layout.n_owned_nodes))
+
+    def _completed(self, fields: FloatArray) -> FloatArray:
+        """Fields (k, owned nodes, 3) with what follows by ties; they are changed. Collective with ties."""
+        return fields if self.body.ties is None else np.stack([self.body.complete_nodes(field) for field in fields])
 
     def _given(self, fields: FloatArray, moves: Sequence[_UnitMotion], R: FloatArray) -> FloatArray:
         """(owned dofs, k) of fields (k, owned nodes, 3) in body axes, and of unknowns that turn with the frames."""

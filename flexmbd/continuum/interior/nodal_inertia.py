@@ -10,12 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexmbd.continuum.finite_elements.lumping import lumped_mass, own_lumped_mass
-from flexmbd.continuum.finite_elements.nodal_ties import NodalTies
 from flexmbd.continuum.history.nonlinear_model import NonlinearModel
 from flexmbd.continuum.interior.further_unknowns import refuse_inertia_of_further_unknowns
 from flexmbd.continuum.interior.plane_motion import PlaneMotion
 from flexmbd.continuum.interior.thickness_mass import ThicknessMass
-from flexmbd.errors import FormulationError, SceneError
+from flexmbd.errors import SceneError
 from flexmbd.given import checked
 
 FloatArray = NDArray[np.float64]
@@ -88,21 +87,13 @@ class NodalInertia:
             thickness.hold(self._moves)
         self._body = body
         if body.ties is not None:
-            self._take_ties(body, body.ties)
+            # what they touch planes and shapes with
+            self.masses[body.ties.own] = body.layout.displacements(own_lumped_mass(body))[body.ties.own, 0]
         self.touching: FloatArray = self.masses.copy()
         self.touching[self.bonded] = 0.0
         self.weights: FloatArray = self.touching.copy()
         if body.ties is not None:
             self.weights[body.ties.own] = 0.0
-
-    def _take_ties(self, body: NonlinearModel, ties: NodalTies) -> None:
-        """Keep the mass of nodes that follow as what they touch planes and shapes with. Collective."""
-        if self.thickness is not None:
-            raise FormulationError(
-                "scaled_thickness= goes by edges through the wall, and welds tie some of their ends alone; leave it out, "
-                "or mesh the walls in one"
-            )
-        self.masses[ties.own] = body.layout.displacements(own_lumped_mass(body))[ties.own, 0]
 
     def passed_on(self, a: FloatArray, touched: FloatArray) -> FloatArray:
         """Accelerations (owned nodes, 3) m/s^2 with those by forces (owned nodes, 3) N of contacts. Collective."""
