@@ -96,8 +96,8 @@ class ContinuumModel(LinearModel):
         forms = with_welds(forms, welds)
         held = find_supports(supports, mesh=mesh, layout=forms.layout)
         if forms.ties is not None:
-            of_supports = forms.layout.displacements(held_dofs(held, layout=forms.layout))
-            forms.ties.refuse_held(of_supports, by="supports", kind=MeshError)
+            of_supports = held_dofs(held, layout=forms.layout)
+            forms.ties.refuse_held(of_supports.reshape(-1, 3), by="supports", kind=MeshError)
         nodal = find_nodal_groups(
             nodes,
             mesh=mesh,

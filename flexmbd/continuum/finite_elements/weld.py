@@ -188,7 +188,7 @@ def _without_held(ties: Sequence[Tie], forms: DiscreteForms, known: IntArray) ->
             kept.append(tie)
             continue
         name, nodes, averaged = on[0]
-        if averaged or not nodes.issuperset(tie.leaders.tolist()):
+        if averaged or not all(int(leader) in nodes for leader in tie.leaders):
             raise MeshError(
                 f"{tie.weld}: node {tie.node} at {told_place(tie.place)} m is one of interface {name!r}, which says by "
                 "itself how it moves; end the weld before it, let the other side follow, or take both sides into the "

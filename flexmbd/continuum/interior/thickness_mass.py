@@ -42,8 +42,8 @@ def thickness_mass(body: NonlinearModel, scale: float) -> ThicknessMass | None:
         raise SceneError(f"scaled_thickness must be from 0 (none) to 1 (the cells' size in the wall), got {scale!r}")
     if scale > 0.0 and body.ties is not None:
         raise FormulationError(
-            "scaled_thickness= goes by edges through the wall, and welds tie some of their ends alone; leave it out, or "
-            "mesh the walls in one"
+            "scaled_thickness= goes by edges through the wall, and welds tie some of their ends alone; leave it out, "
+            "or mesh the walls in one"
         )
     return ThicknessMass(body, scale) if scale > 0.0 else None
 

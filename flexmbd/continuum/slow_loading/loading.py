@@ -48,11 +48,11 @@ class SlowLoads:
 
     def __post_init__(self) -> None:
         self._agree(self._fault_of_prescribed())
-        ties, layout = self.body.ties, self.body.layout
+        ties = self.body.ties
         if ties is not None:
             held = np.zeros(self.body.n_owned, dtype=bool)
             held[self.prescribed] = True
-            ties.refuse_held(layout.displacements(held), by="prescribed dofs", kind=FormulationError)
+            ties.refuse_held(held.reshape(-1, 3), by="prescribed dofs", kind=FormulationError)
 
     def given(self, t: float) -> FloatArray:
         """(prescribed dofs,) m, from the undeformed body. Collective."""

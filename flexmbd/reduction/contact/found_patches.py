@@ -185,8 +185,9 @@ def _refuse_shared(
                 f"contact patches {one.name!r} and {other.name!r} overlap: they share {len(mine & theirs)} facets; "
                 "give each facet to one of them"
             )
-    rigid = [one for one in model.interfaces if isinstance(one, RigidInterface)]
-    bound = [(f"the interface {one.name!r}", one.nodes) for one in (*rigid, *model.nodal)]
+    rigid = [(one.name, one.nodes) for one in model.interfaces if isinstance(one, RigidInterface)]
+    kept = [(one.name, one.nodes) for one in model.nodal]
+    bound = [(f"the interface {name!r}", nodes) for name, nodes in (*rigid, *kept)]
     if model.ties is not None:
         bound.append(("the following side of a weld", model.ties.followers.astype(np.int32)))
     for name, nodes in bound:
