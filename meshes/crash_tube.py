@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 from mpi4py import MPI
 
 import numpy as np
@@ -26,6 +28,7 @@ def crash_tube(
     divisions: tuple[int, int, int],
     fold: float,
     dent: float,
+    mitred: bool = False,
     comm: MPI.Comm = MPI.COMM_WORLD,
 ) -> TaggedMesh:
     """Mesh the quarter x, y >= 0 of a square tube along z, from z = 0 to z = length. Collective.
@@ -43,6 +46,8 @@ def crash_tube(
             along z.
         fold: length of the dent along z, m; up to the tube's.
         dent: its depth, m; less than the wall.
+        mitred: cells go round the corner, where their faces lie at 45 degrees, and third edges of cells lie across
+            the wall, as `forms.solid_shell` takes them. Else the corner is a block of cells of its own.
         comm: the communicator of the mesh.
 
     Raises:
@@ -57,19 +62,31 @@ def crash_tube(
             raise MeshError(f"wall must be below half the width, {width / 2:g} m, got {wall:g}")
         if not (fold <= length and dent < wall):
             raise MeshError(f"fold must be up to the length and dent below the wall, got {fold:g} and {dent:g} m")
+        if not isinstance(mitred, bool):
+            raise MeshError(f"mitred must be True or False, got {mitred!r}")
+        if mitred and not (width - wall) / divisions[0] > wall:
+            raise MeshError(
+                f"{divisions[0]} cells along half a side of {width / 2:g} m are too short for the mitred corner of a "
+                f"wall of {wall:g} m, which takes half of that from them; take up to {math.ceil(width / wall) - 2}"
+            )
 
     check_arguments(comm, arguments, check)
-    section, quads = _section(width / 2, wall, int(divisions[0]), int(divisions[1]))
+    around = _mitred_section if mitred else _section
+    section, quads = around(width / 2, wall, int(divisions[0]), int(divisions[1]))
     layers = int(divisions[2])
     z = np.repeat(np.linspace(0.0, length, layers + 1), len(section))
     points = np.column_stack([np.tile(section, (layers + 1, 1)), z])
     _dent(points, width / 2 - wall, fold, dent)
     below = np.concatenate([quads + k * len(section) for k in range(layers)])
+    cells = np.hstack([below, below + len(section)])
+    if mitred:
+        # corners of basix's bricks by z, y, x: along the tube is the second edge, across the wall the third
+        cells = cells.reshape(-1, 2, 2, 2).transpose(0, 2, 1, 3).reshape(-1, 8)
     near = _SAME * max(width, length)
     return from_arrays(
         comm,
         points,
-        np.hstack([below, below + len(section)]),
+        cells,
         cell="hexahedron",
         degree=1,
         facet_groups={
@@ -99,6 +116,19 @@ def _section(half: float, wall: float, n: int, m: int) -> tuple[FloatArray, NDAr
         np.round(every / (_SAME * half)).astype(np.int64), axis=0, return_index=True, return_inverse=True
     )
     return every[kept], place.reshape(-1)[np.concatenate(quads)]
+
+
+def _mitred_section(half: float, wall: float, n: int, m: int) -> tuple[FloatArray, NDArray[np.int64]]:
+    """The same, from the plane y = 0 round the corner to x = 0; corners first along, then outwards."""
+    outwards = np.linspace(half - wall, half, m + 1)
+    along = np.linspace(0.0, half - wall / 2, n + 1)
+    rows = []
+    for place in outwards:
+        up = np.column_stack([np.full(n + 1, place), np.append(along[:-1], place)])
+        rows.append(np.concatenate([up, up[-2::-1, ::-1]]))
+    number = np.arange((m + 1) * (2 * n + 1)).reshape(m + 1, 2 * n + 1)
+    corners = number[:-1, :-1], number[:-1, 1:], number[1:, :-1], number[1:, 1:]
+    return np.concatenate(rows), np.stack([corner.ravel() for corner in corners], axis=1)
 
 
 def _dent(points: FloatArray, side: float, fold: float, depth: float) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, MutableMapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import repeat
-from typing import Any, Generic, Protocol, TypeVar
+from typing import Any, Generic, NamedTuple, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -137,6 +137,20 @@ class ForceRows:
     elements: range
 
 
+class JoinedPlace(NamedTuple):
+    """Where the numbers of a group of forces stand that act together, and which of them a force is.
+
+    Attributes:
+        place: where they begin in ``Plan.data``; -1: the force is in no group.
+        number: of the force in its group.
+        scratch: how many numbers of ``Work.generalized`` the group needs.
+    """
+
+    place: int = -1
+    number: int = 0
+    scratch: int = 0
+
+
 @dataclass(frozen=True, eq=False)
 class SceneIndex:
     """Where the objects of a scene stand in its compiled arrays.
@@ -152,6 +166,7 @@ class SceneIndex:
         states: of users' state equations, where their values stand.
         efforts: of ports, the row of ``Plan.times`` of their effort.
         shared: of numbers that forces share, where they begin in ``Plan.data``.
+        joined: of forces that act together with others, where their group stands.
         substitutes: of bodies, frames, joints and forces whose numbers differ from those of the scene that was
             compiled: objects that have the numbers of this variant.
     """
@@ -166,6 +181,7 @@ class SceneIndex:
     states: IdentityMap[object, StatePlaces] = field(default_factory=IdentityMap)
     efforts: IdentityMap[Port, int] = field(default_factory=IdentityMap)
     shared: IdentityMap[object, int] = field(default_factory=IdentityMap)
+    joined: IdentityMap[object, JoinedPlace] = field(default_factory=IdentityMap)
     substitutes: IdentityMap[object, Any] = field(default_factory=IdentityMap)
 
     def now(self, thing: T) -> T:

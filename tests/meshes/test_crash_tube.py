@@ -54,12 +54,42 @@ def test_one_pair_of_walls_is_dented_inwards_and_the_other_outwards():
     assert (np.einsum("ki,ki->k", np.cross(edges[0], edges[1]), edges[2]) > 0.0).all()
 
 
+@pytest.mark.mpi
+def test_mitred_cells_go_round_the_corner():
+    tube = meshes.crash_tube(WIDTH, WALL, LENGTH, divisions=(4, 2, 12), fold=0.02, dent=1e-12, mitred=True)
+    section = (WIDTH**2 - (WIDTH - 2 * WALL) ** 2) / 4
+    ds = ufl.Measure("ds", domain=tube.mesh, subdomain_data=tube.facet_tags)
+    one = fem.Constant(tube.mesh, 1.0)
+    exact = {"x_min": WALL * LENGTH, "y_min": WALL * LENGTH, "z_min": section, "z_max": section}
+    for name, value in exact.items():
+        assert total(one * ds(tube.facet_groups[name])) == pytest.approx(value, rel=1e-9)
+    assert total(one * ufl.dx(domain=tube.mesh)) == pytest.approx(section * LENGTH, rel=1e-9)
+    assert COMM.allreduce(tube.mesh.topology.index_map(3).size_local) == 2 * 4 * 2 * 12
+
+
+def test_third_edges_of_mitred_cells_lie_across_the_wall():
+    tube = meshes.crash_tube(WIDTH, WALL, LENGTH, comm=MPI.COMM_SELF, mitred=True, **GOOD)
+    x = tube.mesh.geometry.x
+    at = x[compat.cell_nodes(tube.mesh)]
+    edges = [at[:, k] - at[:, 0] for k in (1, 2, 4)]
+    assert (np.einsum("ki,ki->k", np.cross(edges[0], edges[1]), edges[2]) > 0.0).all()
+    # outwards from half a layer to half a layer, along z none of it; the mitre goes both ways
+    assert np.ptp(at[:, [0, 4], 2], axis=1).max() < 1e-15
+    across = abs(edges[2][:, :2])
+    assert across.max(axis=1) == pytest.approx(WALL / 2, rel=1e-12)
+    assert sorted(set(np.round(across.min(axis=1) / WALL, 9))) == [0.0, 0.5]
+    middle = abs(x[:, 2] - 0.01) < 1e-12
+    assert x[middle & (x[:, 0] == 0.0), 1].max() == pytest.approx(WIDTH / 2 - 5e-4, rel=1e-12)
+    assert x[middle & (x[:, 1] == 0.0), 0].max() == pytest.approx(WIDTH / 2 + 5e-4, rel=1e-12)
+
+
 @pytest.mark.parametrize(
     ("change", "named"),
     [
         ({"wall": 0.03}, "wall must be below half the width"),
         ({"fold": 0.2}, "fold must be"),
         ({"dent": 0.004}, "dent below"),
+        ({"mitred": True, "divisions": (19, 1, 12)}, "take up to 18"),
     ],
 )
 def test_bad_input(change, named):

@@ -183,13 +183,17 @@ class NonlinearModel(TrialBody):
             (owned dofs,) N, forces of the difference between predicted and present stresses.
         """
         self._refuse(before=before, after=after)
-        self._evaluated = None
-        before, after = self._completed(before), self._completed(after)
-        return self.condense(self._predictor.predict(self.displacement + before, self.displacement + after))
+        return self.condense(self._predictor.predict(self._completed(before), self._completed(after)))
 
     @cached_property
     def _predictor(self) -> StressPredictor:
-        return StressPredictor(self._histories, self._u)
+        def evaluate(increment: FloatArray) -> None:
+            if self.fields is None:
+                self._set_trial(increment, self._dt)
+            else:
+                self._evaluate(increment, self._dt)
+
+        return StressPredictor(self._histories, self._u, evaluate)
 
     @checked("predicted", error=FormulationError, agree=parallel.told_to_all)
     def tangent(self, increment: FloatArray, *, dt: float | None = None, predicted: bool = False) -> PETSc.Mat:

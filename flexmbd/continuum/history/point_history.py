@@ -43,6 +43,9 @@ class History:
         mean: the function of cell means, or None.
         rule: at whose points it lies.
         points: (points, 3) of the rule, in reference coordinates.
+        unknown: the formulation's own, which its forms read.
+        variation: test function on its space.
+        work: the internal forces' virtual work at the unknown, local unknowns and history at hand.
     """
 
     def __init__(
@@ -69,7 +72,8 @@ class History:
             FormulationError: terms in which the history stands have rules of their own each; cell means beside fields
                 of one cell.
         """
-        self.group, self._u = group, u
+        self.group = group
+        self.unknown, self.variation = u, v
         self.solved: CellFieldsSolved | None = None
         if shared is not None and group.fields is not None:
             self.solved = CellFieldsSolved(group, group.fields, shared, u)
@@ -117,6 +121,7 @@ class History:
             solved=self.solved,
         )
         self._begin_locally()
+        self.work = work(v, self._z)
         self.terms = [assembly.integral(term, group, self._mesh) for term in self._shared(work(v, following))]
         if self.solved is not None:
             self.solved.compile_tangent(self.terms)
@@ -251,16 +256,19 @@ class History:
         if self.group.optional.increment_size is None:
             return np.zeros((0, 0))
         if self._increment_size is None:
-            self._increment_size = form.increment_size(self._u, self._state, self.group.symbols)
-        if self.solved is not None:
-            self.solved.fill()
+            self._increment_size = form.increment_size(self.unknown, self._state, self.group.symbols)
+        self.fill_unknown()
         return self.evaluate(self._increment_size)
 
     def stress(self) -> FloatArray:
         """(cells, points, 3, 3) Pa, Cauchy stress of the trial displacement and the accepted history."""
+        self.fill_unknown()
+        return self.evaluate(self._stress)
+
+    def fill_unknown(self) -> None:
+        """Set the formulation's own unknown to the trial, where there are fields of one cell; not collective."""
         if self.solved is not None:
             self.solved.fill()
-        return self.evaluate(self._stress)
 
     @cached_property
     def _stress(self) -> ufl.core.expr.Expr:
@@ -268,8 +276,8 @@ class History:
         form: Any = self.group.formulation
         p = self.group.symbols
         if not self._has_state:
-            return form.stress(self._u, None, p)
-        return form.stress(self._u, self._state, p, **self._given(self._z))
+            return form.stress(self.unknown, None, p)
+        return form.stress(self.unknown, self._state, p, **self._given(self._z))
 
     def _given(self, z: Any) -> dict[str, Any]:
         given = {} if z is None else {"z": z}

@@ -113,6 +113,7 @@ class TrialBody(DiscretisedBody):
         self._charged = PortStates.at_rest(0 if self.conditions is None else len(self.conditions.ports))
         self._charges: FloatArray = self._charged.flows  # of the trial
         self._viscous_work = 0.0
+        self._dt = 0.0
         self._evaluated: FloatArray | None = None  # the displacement at which the cells were evaluated last
         self._moved = MovedMesh(self.space) if self.is_updated else None
         self.displacement: FloatArray = np.zeros(self.layout.n_local)

@@ -32,6 +32,7 @@ IntArray = NDArray[np.int64]
 _EDGE = 0.45 * np.pi  # rad, between the normals of neighbours: beyond it there is an edge between them
 
 _tables: WeakKeyDictionary[ReducedBody, dict[tuple[str | None, float, bytes], SharedNumbers]] = WeakKeyDictionary()
+_joined: WeakKeyDictionary[ReducedBody, dict[bytes, SharedNumbers]] = WeakKeyDictionary()
 
 
 @dataclass(frozen=True, eq=False)
@@ -273,13 +274,30 @@ class ElasticSurface:
             )
 
 
+def patches_table(record: ReducedBody, rows: IntArray) -> SharedNumbers:
+    """The same of patches (p,) of a record that has some, whose modes are left out."""
+    group, known = record.contact, _joined.setdefault(record, {})
+    assert group is not None  # noqa: S101  (they are of surfaces, which were refused without)
+    if rows.tobytes() not in known:
+        axes, without = group.axes[rows], np.zeros((len(rows), 3, 0))
+        forms = felt_forms(group.x[rows], axes[:, :, 0], group.area[rows])
+        known[rows.tobytes()] = SharedNumbers(surface_table(group.x[rows], forms, without, _flexibility(group, rows)))
+    return known[rows.tobytes()]
+
+
 def _table(group: ContactPatches, rows: IntArray, x: FloatArray, dents: FloatArray) -> FloatArray:
     """Of some patches at x (p, 3) m, less ``dents`` (p, p) m/N."""
     axes = group.axes[rows]
     phi = np.einsum("pab,pbn->pan", axes, group.phi[rows])
-    G = group.G.reshape(len(group.area), 3, len(group.area), 3)[rows][:, :, rows]
-    G = np.einsum("pab,pbqc,qdc->pqad", axes, G, axes) - dents[:, :, None, None] * np.eye(3)
+    G = _flexibility(group, rows) - dents[:, :, None, None] * np.eye(3)
     return surface_table(x, felt_forms(x, axes[:, :, 0], group.area[rows]), phi, G)
+
+
+def _flexibility(group: ContactPatches, rows: IntArray) -> FloatArray:
+    """(p, p, 3, 3) m/N of some patches, in the body's axes."""
+    axes = group.axes[rows]
+    G = group.G.reshape(len(group.area), 3, len(group.area), 3)[rows][:, :, rows]
+    return np.asarray(np.einsum("pab,pbqc,qdc->pqad", axes, G, axes))
 
 
 def surface_table(x: FloatArray, form: FloatArray, phi: FloatArray, G: FloatArray) -> FloatArray:

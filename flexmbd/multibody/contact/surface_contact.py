@@ -76,11 +76,26 @@ class SurfaceContact(BetweenFrames, WithSharedNumbers):
         return tuple(one.parts if isinstance(one, ElasticSurface) else (cast(TouchShape, one),) for one in ends)
 
     @property
+    def sides(self) -> tuple[ElasticSurface | Sphere, TouchedShape | ElasticSurface]:
+        """What touches and what it touches."""
+        return self.surface, self.other
+
+    @property
+    def elastic(self) -> tuple[ElasticSurface, ...]:
+        """The elastic surfaces among them."""
+        return tuple(one for one in self.sides if isinstance(one, ElasticSurface))
+
+    @property
+    def may_join(self) -> bool:
+        """Whether it gives way together with others that press the same bodies: patches without friction."""
+        return isinstance(self.law, Hard) and self.law.mu == 0.0
+
+    @property
     def what(self) -> str:
         """Its name in messages."""
         ends = [
             one.what if isinstance(one, ElasticSurface) else f"{type(one).__name__} {one.frame.label}"
-            for one in (self.surface, self.other)
+            for one in self.sides
         ]
         return f"contact of {ends[0]} with {ends[1]}"
 
@@ -109,9 +124,8 @@ class SurfaceContact(BetweenFrames, WithSharedNumbers):
         """Raise SceneError for a law or a shape that does not fit."""
         if self.other.frame.body is self.surface.frame.body:
             raise SceneError(f"{self.what}: both are on one body, and never touch")
-        for one in (self.surface, self.other):
-            if isinstance(one, ElasticSurface):
-                one.check()
+        for one in self.elastic:
+            one.check()
         if isinstance(self.surface, Sphere):
             self._check_law_of_point(self.surface.radius)
             return
@@ -136,24 +150,38 @@ class SurfaceContact(BetweenFrames, WithSharedNumbers):
                 f"{self.what}: what an impact on an elastic body loses is what its waves keep: leave restitution out"
             )
 
-    def assemble(self, table: ElementTable) -> None:
-        """One row."""
-        places = [float(table.shared(one)) for one in self._tables]
-        own, sizes, law, radius, mu = (1, 0), (0, 0), (0.0, 1.0), 0.0, 0.0
+    @property
+    def _sizes(self) -> tuple[tuple[int, int], tuple[int, int]]:
+        """Patches and modes of the surface, and of the other."""
+        own, sizes = (1, 0), (0, 0)
         if isinstance(self.other, ElasticSurface):
             sizes = len(self.other.patches), self.other.body.record.n_modes
         if isinstance(self.surface, ElasticSurface):
             own = len(self.surface.patches), self.surface.body.record.n_modes
-        else:
-            radius = self.surface.radius
+        return own, sizes
+
+    @property
+    def own_scratch(self) -> int:
+        """How many numbers of ``work.generalized`` the kernels need for it by itself, without friction."""
+        own, sizes = self._sizes
+        return surface_scratch(*own, *sizes)
+
+    def assemble(self, table: ElementTable) -> None:
+        """One row."""
+        places = [float(table.shared(one)) for one in self._tables]
+        law, mu = (0.0, 1.0), 0.0
+        radius = 0.0 if isinstance(self.surface, ElasticSurface) else self.surface.radius
         if isinstance(self.law, Hard):
             mu = self.law.mu
         else:
             law = self.law.stiffness(self.curved, radius, self.what), self.law.exponent
         shape = placed_numbers(self.shape, table)
-        data = table.numbers([places[0], *shape, radius, mu, places[1] if len(places) > 1 else -1.0, *law])
-        kind, count, memory, scratch = ELASTIC_SURFACE, 0, -1, surface_scratch(*own, *sizes)
+        group, number, together = table.joined()
+        other = places[1] if len(places) > 1 else -1.0
+        data = table.numbers([places[0], *shape, radius, mu, other, *law, group, number])
+        kind, count, memory, scratch = ELASTIC_SURFACE, 0, -1, max(self.own_scratch, together)
         if mu > 0.0:
+            own, sizes = self._sizes
             kind, count = ROUGH_SURFACE, PATCH_MEMORY * own[0]
             memory = table.memory({f"_{k}": 0.0 for k in range(count)})
             scratch += friction_scratch(own[0], own[1] + sizes[1])

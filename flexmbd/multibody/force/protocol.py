@@ -96,6 +96,12 @@ class ElementTable(Protocol):
             SceneError: a force that varies would read others than the scene was compiled with.
         """
 
+    def joined(self) -> tuple[int, int, int]:
+        """Where in ``Plan.data`` the group of the force at hand begins, which acts together with others, -1 of none.
+
+        Then which of them it is, and how many numbers of ``Work.generalized`` the group needs.
+        """
+
     def time(self, function: TimeFunction, what: str, *, rate: bool = False) -> int:
         """Row of ``Plan.times``; ``what`` is its name in messages, ``rate`` says whether its rate is needed too."""
 

@@ -15,6 +15,8 @@ from flexmbd.multibody.bodies.body import Body, Frame
 from flexmbd.multibody.bodies.continuum_body import PlacedInterior
 from flexmbd.multibody.bodies.point_mass import is_point, refuse_turn
 from flexmbd.multibody.bodies.port import Port
+from flexmbd.multibody.contact.joined_surfaces import JoinedSurfaces, joined_surfaces
+from flexmbd.multibody.contact.surface_contact import SurfaceContact
 from flexmbd.multibody.force.alike import AlikeElements
 from flexmbd.multibody.force.protocol import BetweenFrames, Force, SwitchValue, WithStates
 from flexmbd.multibody.force.shared_numbers import SharedNumbers, WithSharedNumbers
@@ -47,7 +49,7 @@ from flexmbd.multibody.motion.machine import Machine, WrenchSource
 from flexmbd.multibody.plan.force_places import AlikeRows, AlikeSpans, ForceSpan
 from flexmbd.multibody.plan.numbering import UNTURNED, Numbering
 from flexmbd.multibody.plan.state_table import StateTable, checked_law, flat
-from flexmbd.multibody.scene_index import ForceRows, IdentityMap, RunMap
+from flexmbd.multibody.scene_index import ForceRows, IdentityMap, JoinedPlace, RunMap
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -229,6 +231,21 @@ class ForceTable(StateTable):
         for one in force.shared_numbers:
             if one not in self._numbering.index.shared:
                 self._numbering.index.shared[one] = self.numbers(one.values)
+
+    def join(self, group: JoinedSurfaces) -> None:
+        """Let the numbers of contacts that give way together stand in the plan, before any force's own begin."""
+        for one in group.tables:
+            if one not in self._numbering.index.shared:
+                self._numbering.index.shared[one] = self.numbers(one.values)
+        tables = [self._numbering.index.shared[one] for one in group.tables]
+        place = self._numbering.data_size
+        self.numbers(group.numbers(tables, place))
+        for number, contact in enumerate(group.contacts):
+            self._numbering.index.joined[contact] = JoinedPlace(place, number, group.scratch)
+
+    def joined(self) -> JoinedPlace:
+        """Where the group of the force at hand stands."""
+        return self._numbering.index.joined.get(self._force, JoinedPlace())
 
     def time(self, function: TimeFunction, what: str, *, rate: bool = False) -> int:
         """Row of ``Plan.times``."""
@@ -518,6 +535,8 @@ def assemble_forces(
     for force in forces:
         if isinstance(force, WithSharedNumbers):
             table.share(force)
+    for group in joined_surfaces([force for force in forces if isinstance(force, SurfaceContact)]):
+        table.join(group)
     with_states = [force for force in forces if isinstance(force, (States, WithStates))]
     others = [force for force in forces if not isinstance(force, (States, WithStates))]
     for kind, run in groupby([*with_states, *others], key=type):

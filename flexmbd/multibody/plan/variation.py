@@ -185,7 +185,7 @@ class _Variation:
         if isinstance(now, DistributedLoad):
             now = replace(now, body=self._index.now(now.body))
         now.check()
-        table = _Replay(self._scene, self._index, span.data.start, span.times.start, span)
+        table = _Replay(self._scene, self._index, span.data.start, span.times.start, span, force)
         now.assemble(table)
         what = ", ".join(dict.fromkeys(self._scene.element_names[k] for k in rows.elements)) or type(force).__name__
         if not table.fits(self._plan, rows, span.data.stop, span.times.stop):
@@ -243,7 +243,7 @@ class _Replay(ForceTable):
     """Rows and parameters of one force element, from its first places in the scene."""
 
     def __init__(
-        self, scene: CompiledScene, index: SceneIndex, first_number: int, first_time: int, span: ForceSpan
+        self, scene: CompiledScene, index: SceneIndex, first_number: int, first_time: int, span: ForceSpan, force: Force
     ) -> None:
         numbering = Numbering(scene.parts.ground, scene.extent, Callbacks(scene.parts.team))
         numbering.index = index
@@ -254,7 +254,7 @@ class _Replay(ForceTable):
         self._old_links, self._known = iter(span.links), scene.index.states
         self._markers, self.laid_states = scene.sources.markers, list[StatePlaces]()
         super().__init__(numbering, scene.parts.ground)
-        self._may_vary = True  # else it would not be here
+        self._force, self._may_vary = force, True  # else it would not be here
 
     @property
     def laid(self) -> list[FloatArray]:

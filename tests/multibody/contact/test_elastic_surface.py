@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 import scipy.optimize
+from element_slopes import analytic, differenced, energy, generalised_force
 from particles import particle_body
 from patched import patched_body
 from scipy.spatial.transform import Rotation
@@ -17,13 +18,8 @@ from flexmbd import contact
 from flexmbd.errors import RangeWarning, SceneError, StartWarning
 from flexmbd.multibody.kernels.base.arrays import new_work
 from flexmbd.multibody.kernels.contact.signed_distance import distances
-from flexmbd.multibody.kernels.inverse_dynamics.canonical import write_potential
 from flexmbd.multibody.kernels.inverse_dynamics.memories import remember
-from flexmbd.multibody.kernels.inverse_dynamics.recursion import forward_kinematics
-from flexmbd.multibody.kernels.inverse_dynamics.residual import residual
 from flexmbd.multibody.kernels.physics.joints import retract
-from flexmbd.multibody.kernels.tangent.residual_tangent import tangent
-from flexmbd.multibody.kernels.tangent.tangent_layout import new_tangent_work
 
 TILTED = Rotation.from_rotvec([0.3, -0.5, 0.8]).as_matrix()
 SHAPES = {
@@ -97,38 +93,6 @@ def meeting(name, *, depth, bent=(0.0, 0.0, 0.0), modes=4, softness=1e-3, seed=3
     return scene, compiled.scene, compiled.start().x, pair
 
 
-def generalised_force(plan, x):
-    """Of the elements alone."""
-    nv = len(plan.free)
-    rest, found = np.zeros(nv), np.zeros((2, nv))
-    for out, one in zip(found, (plan, plan.replace(elements=plan.elements[:0])), strict=True):
-        residual(one, new_work(plan), x, rest, rest, np.zeros(0), out)
-    return found[1] - found[0]
-
-
-def energy(plan, x):
-    """Of the elements alone."""
-    found = np.zeros((2, 1))
-    for out, one in zip(found, (plan, plan.replace(elements=plan.elements[:0])), strict=True):
-        work, rest = new_work(one), np.zeros(len(plan.free))
-        forward_kinematics(one, work, x, rest, rest)
-        write_potential(one, work, x, out)
-    return found[0, 0] - found[1, 0]
-
-
-def differenced(plan, x, function, step):
-    """(nv, ...) derivatives of a function of the configuration, by central differences of order 4."""
-    found = []
-    for unit in np.eye(len(plan.free)):
-        values = []
-        for k in (-2, -1, 1, 2):
-            place = np.empty_like(x)
-            retract(plan, x, k * step * unit, place)
-            values.append(np.asarray(function(plan, place)))
-        found.append((values[0] - 8.0 * values[1] + 8.0 * values[2] - values[3]) / (12.0 * step))
-    return np.array(found)
-
-
 @pytest.mark.parametrize("name", [*SHAPES, "elastic", "ball"])
 def test_forces_are_the_slopes_of_the_energy(name):
     """On all coordinates, of the body and of what it touches; several patches touch and others do not."""
@@ -138,15 +102,6 @@ def test_forces_are_the_slopes_of_the_energy(name):
     force = generalised_force(plan, x)
     assert np.abs(force).max() > 1.0
     np.testing.assert_allclose(force, -differenced(plan, x, energy, 1e-5), atol=1e-7 * np.abs(force).max())
-
-
-def analytic(plan, x):
-    nv = len(plan.free)
-    found, rest = np.zeros((2, nv, nv)), np.zeros(nv)
-    for out, one in zip(found, (plan, plan.replace(elements=plan.elements[:0])), strict=True):
-        tw = new_tangent_work(one, nv, sizes=np.ones((2, nv)))
-        tangent(one, new_work(one), tw, x, rest, rest, np.zeros(0), 1.0, 0.0, 0.0, out)
-    return found[1] - found[0]
 
 
 @pytest.mark.parametrize("name", [*SHAPES, "elastic", "ball"])

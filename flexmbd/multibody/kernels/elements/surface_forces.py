@@ -144,7 +144,7 @@ def _solve(plan, work, row, m):
 
 
 @kernel
-def _set_forces(work, p, m, count):
+def set_forces(work, p, m, count):
     """Write the forces of all patches that touch as vectors along their normals; of all others none."""
     V = matrix_view(work.generalized, 0, sl.N_VECTOR, padded(p))
     points = matrix_view(work.generalized, sl.points_place(p), padded(p), sl.N_POINT)
@@ -157,7 +157,21 @@ def _set_forces(work, p, m, count):
 
 
 @kernel
-def _write_directions(plan, work, row, d, R, m, count):
+def _write_residuals(plan, work, row, m, count):
+    """Write how the residual flexibility moves all patches that touch, and those of the other surface."""
+    _, p, _ = sl.table_of(plan, row)
+    _, size, _ = sl.other_of(plan, row)
+    V = matrix_view(work.generalized, 0, sl.N_VECTOR, padded(p))
+    points = matrix_view(work.generalized, sl.points_place(p), padded(p), sl.N_POINT)
+    if size > 0:
+        dent_other(plan, work, row, count)
+    for a in range(count):
+        k = int(V[sl.ORDER, a])
+        store3(points[k], sl.OWN_RESIDUAL, own_residual(plan, work, row, int(V[sl.PATCH, k]), m))
+
+
+@kernel
+def write_directions(plan, work, row, d, R, count):
     """Write of all patches that touch how they are moved besides, and along what their forces push."""
     _, p, _ = sl.table_of(plan, row)
     _, size, _ = sl.other_of(plan, row)
@@ -166,13 +180,9 @@ def _write_directions(plan, work, row, d, R, m, count):
     weights = matrix_view(work.generalized, sl.weights_place(p), padded(p), padded(size))
     others = matrix_view(work.generalized, sl.others_place(p, size), sl.N_OTHER, padded(size))
     o = row[at.EL_DATA] + sl.SHAPE
-    if size > 0:
-        dent_other(plan, work, row, count)
     for a in range(count):
         k = int(V[sl.ORDER, a])
-        u = own_residual(plan, work, row, int(V[sl.PATCH, k]), m)
-        store3(points[k], sl.OWN_RESIDUAL, u)
-        push, apart = load3(points[k], sl.NORMAL), rotate(R, u)
+        push, apart = load3(points[k], sl.NORMAL), rotate(R, load3(points[k], sl.OWN_RESIDUAL))
         if size > 0:
             apart = sub3(apart, mean_of(others, sl.DENT, weights[k]))
         if plan.data[o] != HALF_SPACE:
@@ -200,21 +210,35 @@ def _is_finite(d, R, q, q_other):
 
 
 @kernel
-def find_gaps(plan, work, row, d, R, q, q_other):
-    """Write the gaps of a surface's near patches, before forces, where the body is at d, R and its modes at q (n,).
-
-    ``q_other``: the modes of the other surface's body.  Returns on how many slots there are near ones, whether any
-    overlaps, and a bound of the least gap of the undeformed (m), which is not a number where the arguments are none.
-    """
+def near_patches(plan, work, row, d, R, q, q_other, deep):
+    """As ``find_near``; the least gap is not a number where the motion is none."""
     t, _, n = sl.table_of(plan, row)
     if not _is_finite(d, R, q, q_other):
-        return 0, False, math.nan
+        return 0, math.nan
     reach = farthest(plan.data, t, n, q)
     t_other, _, n_other = sl.other_of(plan, row)
     if n_other > 0:
         reach += farthest(plan.data, t_other, n_other, q_other)
-    m, least = find_near(plan, work, row, d, R, reach)
+    return find_near(plan, work, row, d, R, reach, deep)
+
+
+@kernel
+def find_gaps(plan, work, row, d, R, q, q_other, deep):
+    """Write the gaps of a surface's near patches, before forces, where the body is at d, R and its modes at q (n,).
+
+    ``q_other``: the modes of the other surface's body; ``deep``: see ``find_near``.  Returns on how many slots there
+    are near ones, whether any overlaps, and a bound of the least gap of the undeformed (m), which is not a number where
+    the arguments are none.
+    """
+    m, least = near_patches(plan, work, row, d, R, q, q_other, deep)
     return m, m > 0 and place_points(plan, work, row, m, d, R, q, q_other), least
+
+
+@kernel
+def tell_undefined(plan, row):
+    """Note that there are no forces, which is a fault."""
+    if plan.flag[0] == 0:
+        plan.flag[0] = kinds.FLAG_ELEMENT + row[at.EL_NUMBER]
 
 
 @kernel
@@ -225,20 +249,20 @@ def press_patches(plan, work, row, d, R, q, q_other):
     where there are no forces, which is a fault.
     """
     _, p, _ = sl.table_of(plan, row)
-    m, overlap, least = find_gaps(plan, work, row, d, R, q, q_other)
+    m, overlap, least = find_gaps(plan, work, row, d, R, q, q_other, 0.0)
     if not overlap:
-        _set_forces(work, p, m, 0)
+        set_forces(work, p, m, 0)
         return m, 0 if least == least else -1, least
     count = _solve(plan, work, row, m)
-    _set_forces(work, p, m, count)
+    set_forces(work, p, m, count)
     rough = plan.data[row[at.EL_DATA] + sl.FRICTION] > 0.0
     if rough and count > 0:
         count = add_friction(plan, work, row, R, m, count)
     if count < 0:
-        if plan.flag[0] == 0:
-            plan.flag[0] = kinds.FLAG_ELEMENT + row[at.EL_NUMBER]
+        tell_undefined(plan, row)
         return m, -1, least
-    _write_directions(plan, work, row, d, R, m, count)
+    _write_residuals(plan, work, row, m, count)
+    write_directions(plan, work, row, d, R, count)
     if rough and count > 0:
         push_along(plan, work, row, d, R, count)
     return m, count, least
@@ -284,12 +308,12 @@ def sum_forces(plan, work, row, R, m, count):
 
 
 @kernel
-def surface_wrench(plan, work, row, motion, q, q_rate, q_other, q_other_rate):
-    """As ``sum_forces``; bounds the next step."""
-    d, R, _, _ = motion
+def surface_wrench(plan, work, row, motion, q_rate, q_other_rate, pressed):
+    """As ``sum_forces`` of what ``press_patches`` gave; bounds the next step."""
+    _, R, _, _ = motion
     t, _, n = sl.table_of(plan, row)
     t_other, _, n_other = sl.other_of(plan, row)
-    m, count, least = press_patches(plan, work, row, d, R, q, q_other)
+    m, count, least = pressed
     fastest = farthest(plan.data, t, n, q_rate)
     if n_other > 0:
         fastest += farthest(plan.data, t_other, n_other, q_other_rate)

@@ -2,7 +2,8 @@
 
 Of an element: the place of its surface's table; the numbers of the shape that it touches, and the radius of a sphere
 that is its only point, else 0; the coefficient of friction; the place of the table of the other surface, which has that
-shape undeformed, or -1; k and p of a law N = k delta^p of one point, in series with the flexibility, or 0.
+shape undeformed, or -1; k and p of a law N = k delta^p of one point, in series with the flexibility, or 0; where the
+group begins with which it gives way (``surface_groups``), or -1, and its number there.
 
 Of a table: how many patches p and modes n; a ball about the centroids, its centre (3) and radius (m); the largest
 displacement of a patch by each mode (n); then rows of P = `padded` p numbers, zeros beyond p: centroids (3, P); how far
@@ -22,7 +23,7 @@ from flexmbd.multibody.kernels.base import plan_layout as at
 from flexmbd.multibody.kernels.base.compiling import kernel
 from flexmbd.multibody.kernels.base.lanes import padded, padded_size
 
-TABLE, SHAPE, POINT_RADIUS, FRICTION, OTHER, LAW, EXPONENT = 0, 1, 5, 6, 7, 8, 9
+TABLE, SHAPE, POINT_RADIUS, FRICTION, OTHER, LAW, EXPONENT, GROUP, MEMBER = 0, 1, 5, 6, 7, 8, 9, 10, 11
 N_PATCH, N_MODE, CENTRE, RADIUS, MOST = 0, 1, 2, 5, 6
 N_FORM = 6
 

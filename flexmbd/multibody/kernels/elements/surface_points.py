@@ -93,18 +93,18 @@ def bound_step(plan, row, gap, motion, fastest):
 
 
 @kernel
-def find_near(plan, work, row, d, R, reach):
+def find_near(plan, work, row, d, R, reach, deep):
     """Write which patches are near, by slots: how many, and a bound of the least gap (m).
 
     ``reach``: how far modes move any patch (m).  None further than the deepest may be pressed in comes to touch: a
-    patch beside others moves less than these.
+    patch beside others moves less than these.  ``deep``: how deep others of the body may be (m).
     """
     t, p, n = sl.table_of(plan, row)
     o = row[at.EL_DATA] + sl.SHAPE
     radius = plan.data[row[at.EL_DATA] + sl.POINT_RADIUS]
     ball = distance(plan.data, o, add3(d, rotate(R, load3(plan.data, t + sl.CENTRE))))[0]
     ball -= plan.data[t + sl.RADIUS] + reach + radius
-    if ball > 0.0:
+    if ball > deep:
         return 0, ball
     V = matrix_view(work.generalized, 0, sl.N_VECTOR, padded(p))
     least = math.inf
@@ -112,7 +112,7 @@ def find_near(plan, work, row, d, R, reach):
         far = distance(plan.data, o, add3(d, rotate(R, sl.centroid(plan.data, p, n, t, i))))[0] - radius
         V[sl.FAR, i] = far
         least = min(least, far)
-    bound, count = reach + max(0.0, reach - least), 0
+    bound, count = reach + max(deep, reach - least), 0
     for first in range(0, p, LANES):
         near = False
         for i in range(first, min(first + LANES, p)):

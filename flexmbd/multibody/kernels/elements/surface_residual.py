@@ -98,7 +98,7 @@ def write_couples(plan, work, row, k, m):
 
 
 @kernel
-def _move_by(data, p, n, t, i, force, vectors, first):
+def move_by(data, p, n, t, i, force, vectors, first):
     """Add to vectors of all patches, by rows from ``first``, what a force on patch i moves them by."""
     s = sl.apart(p)
     f0, f1, f2 = spread(force[0]), spread(force[1]), spread(force[2])
@@ -139,7 +139,7 @@ def dent_by_point(plan, work, row, k, along):
     clear_others(others, sl.LOAD)
     for j in range(size):
         if weights[k, j] != 0.0:
-            _move_by(plan.data, size, n, t, j, scale3(weights[k, j], along), others, sl.LOAD)
+            move_by(plan.data, size, n, t, j, scale3(weights[k, j], along), others, sl.LOAD)
 
 
 @kernel
@@ -160,4 +160,4 @@ def dent_other(plan, work, row, count):
     for j in range(size):
         load = sl.at3(others, sl.LOAD, j)
         if load[0] != 0.0 or load[1] != 0.0 or load[2] != 0.0:
-            _move_by(plan.data, size, n, t, j, load, others, sl.DENT)
+            move_by(plan.data, size, n, t, j, load, others, sl.DENT)

@@ -79,22 +79,35 @@ def _add_turns(plan, work, row, R, count, K):
 
 
 @kernel
+def write_normal_row(plan, work, row, R, k, out):
+    """As ``write_row``, of near patch k along its normal."""
+    _, p, _ = sl.table_of(plan, row)
+    points = matrix_view(work.generalized, sl.points_place(p), padded(p), sl.N_POINT)
+    normal, pull, push = load3(points[k], sl.NORMAL), load3(points[k], sl.PULL), load3(points[k], sl.PUSH)
+    write_row(plan, work, row, R, k, normal, pull, push, out)
+
+
+@kernel
+def subtract_given_way(values, factors, rows, to, count, unknowns):
+    """Subtract B^T C^-1 B from K, that begins at ``to``, by the factor of C and B (count, `padded` unknowns)."""
+    width = padded(unknowns)
+    forward_rows(values, factors, count, values, rows, width)
+    for i in range(0, unknowns, ROWS):
+        less_products(values, to + width * i, values, rows + i, width, values, rows, width, count, 0)
+
+
+@kernel
 def _add_smooth(plan, work, row, R, count):
     """Subtract B^T C^-1 B from K."""
     _, p, n = sl.table_of(plan, row)
     _, size, n_other = sl.other_of(plan, row)
-    values, rows, width = work.generalized, sl.rows_place(p, size), padded(6 + n + n_other)
+    unknowns, rows = 6 + n + n_other, sl.rows_place(p, size)
     V = matrix_view(work.generalized, 0, sl.N_VECTOR, padded(p))
-    points = matrix_view(work.generalized, sl.points_place(p), padded(p), sl.N_POINT)
-    B = matrix_view(values, rows, count, width)
+    B = matrix_view(work.generalized, rows, count, padded(unknowns))
     for a in range(count):
-        row_of = points[int(V[sl.ORDER, a])]
-        normal, pull, push = load3(row_of, sl.NORMAL), load3(row_of, sl.PULL), load3(row_of, sl.PUSH)
-        write_row(plan, work, row, R, int(V[sl.ORDER, a]), normal, pull, push, B[a])
-    forward_rows(values, sl.matrix_place(p, 1), count, values, rows, width)
-    to = sl.stiffness_place(p, size, 6 + n + n_other)
-    for i in range(0, 6 + n + n_other, ROWS):
-        less_products(values, to + width * i, values, rows + i, width, values, rows, width, count, 0)
+        write_normal_row(plan, work, row, R, int(V[sl.ORDER, a]), B[a])
+    to = sl.stiffness_place(p, size, unknowns)
+    subtract_given_way(work.generalized, sl.matrix_place(p, 1), rows, to, count, unknowns)
 
 
 @kernel
@@ -180,11 +193,8 @@ def _add_bends(plan, work, row, k, R, K):
 
 
 @kernel
-def write_stiffness(plan, work, row, R, m, count):
-    """Write K: what force, torque and modal forces change by for a translation, a turn (F's axes) and the modes.
-
-    Of the near patches on ``m`` slots, of which ``count`` touch, as `press_patches` left them.
-    """
+def write_turns(plan, work, row, R, m, count):
+    """Write K of forces at rest: what force, torque and modal forces change by as these turn and bend."""
     _, p, n = sl.table_of(plan, row)
     _, size, n_other = sl.other_of(plan, row)
     unknowns = 6 + n + n_other
@@ -195,10 +205,23 @@ def write_stiffness(plan, work, row, R, m, count):
         write_couples(plan, work, row, int(V[sl.ORDER, a]), m)
     _add_turns(plan, work, row, R, count, K)
     _add_moved_arms(plan, work, row, R, m, K)
-    if plan.data[row[at.EL_DATA] + sl.FRICTION] > 0.0:
-        _add_rough(plan, work, row, R, count, K)
-    else:
-        _add_smooth(plan, work, row, R, count)
     if plan.data[row[at.EL_DATA] + sl.SHAPE] != HALF_SPACE:
         for a in range(count):
             _add_bends(plan, work, row, int(V[sl.ORDER, a]), R, K)
+
+
+@kernel
+def write_stiffness(plan, work, row, R, m, count):
+    """Write K: what force, torque and modal forces change by for a translation, a turn (F's axes) and the modes.
+
+    Of the near patches on ``m`` slots, of which ``count`` touch, as `press_patches` left them.
+    """
+    write_turns(plan, work, row, R, m, count)
+    if plan.data[row[at.EL_DATA] + sl.FRICTION] > 0.0:
+        _, p, n = sl.table_of(plan, row)
+        _, size, n_other = sl.other_of(plan, row)
+        unknowns = 6 + n + n_other
+        K = matrix_view(work.generalized, sl.stiffness_place(p, size, unknowns), unknowns, padded(unknowns))
+        _add_rough(plan, work, row, R, count, K)
+    else:
+        _add_smooth(plan, work, row, R, count)

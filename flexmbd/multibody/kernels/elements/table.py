@@ -49,7 +49,8 @@ from flexmbd.multibody.kernels.elements.spring import SPRING
 from flexmbd.multibody.kernels.elements.state_rates import STATES
 from flexmbd.multibody.kernels.elements.stop import STOP
 from flexmbd.multibody.kernels.elements.surface_forces import ELASTIC_SURFACE, ROUGH_SURFACE
-from flexmbd.multibody.kernels.elements.surface_layout import OTHER
+from flexmbd.multibody.kernels.elements.surface_groups import N_UNKNOWNS
+from flexmbd.multibody.kernels.elements.surface_layout import GROUP, OTHER
 from flexmbd.multibody.kernels.elements.user_law import USER_LAW
 from flexmbd.multibody.kernels.elements.user_state_force import SOLVED_TOGETHER, STATE_FORCE
 
@@ -125,6 +126,21 @@ def touched_modes(plan: Plan, row: IntArray) -> list[range]:
             first = int(link[at.MODAL_V])
             found.append(range(first, first + int(plan.flex[link[at.FLEX], at.N_MODES])))
     return found
+
+
+def moved_unknowns(plan: Plan, row: IntArray) -> int:
+    """By how many unknowns the forces of an elastic surface change that stand in ``TangentWork.path_rates``."""
+    g = int(plan.data[row[at.EL_DATA] + GROUP])
+    if g >= 0:
+        return int(plan.data[g + N_UNKNOWNS]) + 1
+    return sum(map(len, touched_modes(plan, row)))
+
+
+def surface_groups(plan: Plan) -> list[IntArray]:
+    """The rows of each group of elastic surfaces that give way together."""
+    rows = np.flatnonzero(of_surfaces(plan))
+    groups = plan.data[plan.elements[rows, at.EL_DATA] + GROUP]
+    return [rows[groups == g] for g in np.unique(groups[groups >= 0.0])]
 
 
 def of_surfaces(plan: Plan) -> NDArray[np.bool_]:

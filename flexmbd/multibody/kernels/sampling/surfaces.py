@@ -7,20 +7,38 @@ import math
 from flexmbd.multibody.kernels.algebra.so3 import add3, dot3, load3, rotate, scale3, store3, sub3
 from flexmbd.multibody.kernels.base import plan_layout as at
 from flexmbd.multibody.kernels.base.block_view import matrix_view
-from flexmbd.multibody.kernels.base.compiling import entry_kernel
+from flexmbd.multibody.kernels.base.compiling import entry_kernel, kernel
 from flexmbd.multibody.kernels.base.lanes import padded
 from flexmbd.multibody.kernels.contact.contact_law import way_to_middle
 from flexmbd.multibody.kernels.elements import surface_layout as sl
 from flexmbd.multibody.kernels.elements.surface_forces import find_gaps, point_depth, press_patches
+from flexmbd.multibody.kernels.elements.surface_groups import group_of, residual_in_group
 from flexmbd.multibody.kernels.elements.surface_points import displacement, mean_of, move_others, place_point
 from flexmbd.multibody.kernels.elements.surface_residual import clear_others, own_residual
 from flexmbd.multibody.kernels.elements.table import is_of_surface
 from flexmbd.multibody.kernels.inverse_dynamics.closure import relative_rates
+from flexmbd.multibody.kernels.inverse_dynamics.pressed_surfaces import (
+    member_forces,
+    modes_of,
+    other_modes_of,
+    press_group,
+    role,
+)
 from flexmbd.multibody.kernels.inverse_dynamics.recursion import forward_kinematics, frame_motion
-from flexmbd.multibody.kernels.inverse_dynamics.surface_loads import modes_of, other_modes_of
 
 # Columns: the gap, the normal, the force on the patch, its place: vectors in inertial axes.
 GAP, NORMAL, FORCE, POINT, N_PATCH = 0, 1, 4, 7, 10
+
+
+@kernel
+def _press(plan, work, row, d, R, x, q, q_other):
+    """On how many slots there are near patches, and how many touch."""
+    if role(plan, row) == 0:
+        m, count, _ = press_patches(plan, work, row, d, R, q, q_other)
+        return m, count
+    press_group(plan, work, group_of(plan, row), x)
+    m, count, _ = member_forces(plan, work, row, d, R, x)
+    return m, count
 
 
 @entry_kernel
@@ -40,12 +58,13 @@ def surface_series(plan, work, i, x, v, a, w, out, others_force):
     points = matrix_view(work.generalized, sl.points_place(p), padded(p), sl.N_POINT)
     others = matrix_view(work.generalized, sl.others_place(p, size), sl.N_OTHER, padded(size))
     weights = matrix_view(work.generalized, sl.weights_place(p), padded(p), padded(size))
+    group, in_group = group_of(plan, row), role(plan, row) > 0
     for k in range(x.shape[0]):
         forward_kinematics(plan, work, x[k], v[k], a[k])
         d, R, _, _ = relative_rates(plan, work, f, g)
         q, q_other = x[k, qx : qx + n], x[k, rx : rx + n_other]
-        m, count, _ = press_patches(plan, work, row, d, R, q, q_other)
-        if count == 0:
+        m, count = _press(plan, work, row, d, R, x[k], q, q_other)
+        if count == 0 and not in_group:
             clear_others(others, sl.DENT)
         move_others(plan, work, row, q_other)
         p_F, R_F, _, _, _, _ = frame_motion(plan, work, f)
@@ -53,7 +72,8 @@ def surface_series(plan, work, i, x, v, a, w, out, others_force):
             arm = add3(sl.centroid(plan.data, p, n, t, j), displacement(plan.data, p, n, t, j, q))
             arm = rotate(R, arm)
             gap, normal, _ = place_point(plan, row, d, arm, w, others)
-            u = rotate(R, own_residual(plan, work, row, j, m))
+            u = residual_in_group(plan, work, row, group, j) if in_group else own_residual(plan, work, row, j, m)
+            u = rotate(R, u)
             apart = sub3(u, mean_of(others, sl.DENT, w)) if gap < math.inf else u
             out[k, j, GAP] = gap + dot3(normal, apart)
             store3(out[k, j], NORMAL, rotate(R_F, normal))
@@ -89,7 +109,7 @@ def surface_depth_series(plan, work, elements, x, v, out):
             _, p, _ = sl.table_of(plan, row)
             V = matrix_view(work.generalized, 0, sl.N_VECTOR, padded(p))
             d, R, _, _ = relative_rates(plan, work, row[at.EL_F], row[at.EL_G])
-            m, _, _ = find_gaps(plan, work, row, d, R, x[k, qx : qx + n], x[k, rx : rx + n_other])
+            m, _, _ = find_gaps(plan, work, row, d, R, x[k, qx : qx + n], x[k, rx : rx + n_other], 0.0)
             deepest = 0.0
             for j in range(m):
                 deepest = max(deepest, -V[sl.GAP, j])
@@ -107,5 +127,5 @@ def surface_overlaps(plan, work, x, v, out):
             qx, _, n = modes_of(plan, row)
             d, R, _, _ = relative_rates(plan, work, row[at.EL_F], row[at.EL_G])
             rx, _, n_other = other_modes_of(plan, row)
-            _, _, out[k] = find_gaps(plan, work, row, d, R, x[qx : qx + n], x[rx : rx + n_other])
+            _, _, out[k] = find_gaps(plan, work, row, d, R, x[qx : qx + n], x[rx : rx + n_other], 0.0)
             k += 1

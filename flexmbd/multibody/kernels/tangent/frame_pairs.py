@@ -39,7 +39,7 @@ from flexmbd.multibody.kernels.tangent.tree_recursion import MOTION, RATE, SHIFT
 
 
 @kernel
-def _enter(tw, count, k):
+def enter(tw, count, k):
     """Put unknown k on the path, without a twist, where it is not there yet; return the path's length."""
     if tw.path_mark[k] == 0:
         tw.path_mark[k] = 1
@@ -55,7 +55,7 @@ def _add_cut(tw, count, first, o, sign):
     """Add the entries of a cut body's motion, from unknown ``first``, that say where it is and how fast."""
     for t in range(3):
         for entry in (t, RATE + t, SHIFT + t, TURN + t):
-            count = _enter(tw, count, first + entry)
+            count = enter(tw, count, first + entry)
         tw.path_twist[first + TURN + t, o + t] = 1.0
         tw.path_twist[first + SHIFT + t, o + 3 + t] = 1.0
         tw.path_twist[first + t, 12 + t] += sign
@@ -66,7 +66,7 @@ def _add_cut(tw, count, first, o, sign):
 @kernel
 def _add_unknown(tw, count, k, twist, motion, column, o, sign):
     """Add a column's twist to unknown k of the path, its rate with a sign; return the path's length."""
-    count = _enter(tw, count, k)
+    count = enter(tw, count, k)
     for t in range(6):
         tw.path_twist[k, o + t] = twist[t, column]
     for t in range(3):

@@ -15,6 +15,7 @@ from flexmbd.multibody.kernels.base import plan_layout as at
 from flexmbd.multibody.kernels.base.block_view import block_view
 from flexmbd.multibody.kernels.base.compiling import entry_kernel, kernel
 from flexmbd.multibody.kernels.base.deferred import deferred_kernel
+from flexmbd.multibody.kernels.elements import surface_groups as sg
 from flexmbd.multibody.kernels.elements.contact_wrench import state_count
 from flexmbd.multibody.kernels.elements.table import (
     coordinate_law,
@@ -24,7 +25,7 @@ from flexmbd.multibody.kernels.elements.table import (
     subtract_force_tangent,
 )
 from flexmbd.multibody.kernels.inverse_dynamics.closure import coupling_term
-from flexmbd.multibody.kernels.inverse_dynamics.surface_loads import modes_of, other_modes_of
+from flexmbd.multibody.kernels.inverse_dynamics.pressed_surfaces import is_of_group, modes_of, other_modes_of, role
 from flexmbd.multibody.kernels.tangent import sparse_places as sp
 from flexmbd.multibody.kernels.tangent import tangent_layout as tl
 from flexmbd.multibody.kernels.tangent.body_moments import rigid_composite
@@ -43,6 +44,13 @@ from flexmbd.multibody.kernels.tangent.residual_tangent import (
     mode_block,
 )
 from flexmbd.multibody.kernels.tangent.row_pairs import put_group
+from flexmbd.multibody.kernels.tangent.surface_group_tangent import (
+    load_member_edges,
+    modes_of_body,
+    put_surface_group,
+    put_surface_member,
+    stiffen_group,
+)
 from flexmbd.multibody.kernels.tangent.surface_tangent import put_surface
 from flexmbd.multibody.kernels.tangent.tangent_columns import composite_change, frame_columns, joint_columns
 from flexmbd.multibody.kernels.tangent.tree_recursion import SHIFT, TURN
@@ -262,6 +270,32 @@ def _add_surface(plan, work, tw, to, e, x, v, a, per_x, per_v, per_a, at_f, at_g
     _add_rates(tw, to, e, other, n_other, n, moved, values)
 
 
+@deferred_kernel()
+def _add_group(plan, work, tw, to, g, x, v, a, per_x, per_v, per_a, values):
+    """Add the stiffness of all elastic surfaces of a group."""
+    if not stiffen_group(plan, work, g, x):
+        return
+    first, n = True, to.starts[2]
+    for e in range(plan.elements.shape[0]):
+        row = plan.elements[e]
+        if is_of_group(plan, row, g):
+            one, other = _own_block(plan, to, row[at.EL_F]), _own_block(plan, to, row[at.EL_G])
+            at_f, at_g = block_view(values, one[0], one[1], n), block_view(values, other[0], other[1], n)
+            load_member_edges(plan, work, tw, row, x, v, a, per_x, per_v, per_a, at_f, at_g)
+    put_surface_group(plan, work, tw, g, per_x)
+    for e in range(plan.elements.shape[0]):
+        row = plan.elements[e]
+        if not is_of_group(plan, row, g):
+            continue
+        count, moved = put_surface_member(plan, work, tw, row, per_x)
+        _add_changes(tw, to, e, count, moved, values)
+        if first:
+            for b in range(sg.of_group(plan, g, sg.N_BODIES)):
+                qv, modes = modes_of_body(plan, g, b)
+                _add_rates(tw, to, e, qv, modes, sg.of_body(plan, g, b, sg.FIRST_MODE), moved, values)
+            first = False
+
+
 @kernel
 def _add_element(plan, work, tw, to, e, x, v, a, per_x, per_v, per_a, values):
     """Add stiffness and damping of a force between frames."""
@@ -269,7 +303,11 @@ def _add_element(plan, work, tw, to, e, x, v, a, per_x, per_v, per_a, values):
     f, g = _own_block(plan, to, row[at.EL_F]), _own_block(plan, to, row[at.EL_G])
     at_f, at_g = block_view(values, f[0], f[1], n), block_view(values, g[0], g[1], n)
     if is_of_surface(row[at.EL_KIND]):
-        _add_surface(plan, work, tw, to, e, x, v, a, per_x, per_v, per_a, at_f, at_g, values)
+        part = role(plan, row)
+        if part == 0:
+            _add_surface(plan, work, tw, to, e, x, v, a, per_x, per_v, per_a, at_f, at_g, values)
+        elif part == 1:
+            _add_group(plan, work, tw, to, sg.group_of(plan, row), x, v, a, per_x, per_v, per_a, values)
         return
     count, moved = put_element(plan, work, tw, row, x, v, a, per_x, per_v, per_a, at_f, at_g)
     _add_changes(tw, to, e, count, moved, values)

@@ -8,11 +8,12 @@ from flexmbd.multibody.kernels.base.block_view import matrix_view
 from flexmbd.multibody.kernels.base.compiling import kernel
 from flexmbd.multibody.kernels.base.deferred import deferred_kernel
 from flexmbd.multibody.kernels.base.lanes import padded
+from flexmbd.multibody.kernels.elements import surface_groups as sg
 from flexmbd.multibody.kernels.elements import surface_layout as sl
 from flexmbd.multibody.kernels.elements.surface_forces import press_patches, sum_forces
 from flexmbd.multibody.kernels.elements.surface_stiffness import write_stiffness
 from flexmbd.multibody.kernels.elements.table import is_of_surface
-from flexmbd.multibody.kernels.inverse_dynamics.surface_loads import modes_of, other_modes_of
+from flexmbd.multibody.kernels.inverse_dynamics.pressed_surfaces import is_of_group, modes_of, other_modes_of, role
 from flexmbd.multibody.kernels.tangent.frame_pairs import (
     add_changes,
     clear_path,
@@ -22,6 +23,13 @@ from flexmbd.multibody.kernels.tangent.frame_pairs import (
     put_change,
     put_first,
     variation_by_unknown,
+)
+from flexmbd.multibody.kernels.tangent.surface_group_tangent import (
+    load_member_edges,
+    modes_of_body,
+    put_surface_group,
+    put_surface_member,
+    stiffen_group,
 )
 
 
@@ -100,19 +108,47 @@ def put_surface(plan, work, tw, row, x, v, a, per_x, per_v, per_a, at_f, at_g):
     return count, moved
 
 
+@kernel
+def _add_modal_rows(tw, shift, qv, n, moved, matrix):
+    """Add the stored changes of the forces on n modes, stored from ``shift`` on, by the first ``moved`` of the path."""
+    for j in range(moved):
+        k = tw.path[j]
+        for i in range(n):
+            matrix[qv + i, k] += tw.path_rates[shift + i, k]
+
+
 @deferred_kernel()
 def _add_surface(plan, work, tw, row, x, v, a, per_x, per_v, per_a, matrix):
     count, moved = put_surface(plan, work, tw, row, x, v, a, per_x, per_v, per_a, matrix, matrix)
     add_changes(tw, count, moved, matrix)
     _, qv, n = modes_of(plan, row)
     _, rv, n_other = other_modes_of(plan, row)
-    for j in range(moved):
-        k = tw.path[j]
-        for i in range(n):
-            matrix[qv + i, k] += tw.path_rates[i, k]
-        for i in range(n_other):
-            matrix[rv + i, k] += tw.path_rates[n + i, k]
+    _add_modal_rows(tw, 0, qv, n, moved, matrix)
+    _add_modal_rows(tw, n, rv, n_other, moved, matrix)
     clear_path(tw, count)
+
+
+@deferred_kernel()
+def _add_group(plan, work, tw, g, x, v, a, per_x, per_v, per_a, matrix):
+    if not stiffen_group(plan, work, g, x):
+        return
+    for e in range(plan.elements.shape[0]):
+        if is_of_group(plan, plan.elements[e], g):
+            load_member_edges(plan, work, tw, plan.elements[e], x, v, a, per_x, per_v, per_a, matrix, matrix)
+    put_surface_group(plan, work, tw, g, per_x)
+    first = True
+    for e in range(plan.elements.shape[0]):
+        row = plan.elements[e]
+        if not is_of_group(plan, row, g):
+            continue
+        count, moved = put_surface_member(plan, work, tw, row, per_x)
+        add_changes(tw, count, moved, matrix)
+        if first:
+            for b in range(sg.of_group(plan, g, sg.N_BODIES)):
+                qv, n = modes_of_body(plan, g, b)
+                _add_modal_rows(tw, sg.of_body(plan, g, b, sg.FIRST_MODE), qv, n, moved, matrix)
+            first = False
+        clear_path(tw, count)
 
 
 @kernel
@@ -121,4 +157,8 @@ def add_surfaces(plan, work, tw, x, v, a, per_x, per_v, per_a, matrix):
     for i in range(plan.elements.shape[0]):
         row = plan.elements[i]
         if is_of_surface(row[at.EL_KIND]):
-            _add_surface(plan, work, tw, row, x, v, a, per_x, per_v, per_a, matrix)
+            part = role(plan, row)
+            if part == 0:
+                _add_surface(plan, work, tw, row, x, v, a, per_x, per_v, per_a, matrix)
+            elif part == 1:
+                _add_group(plan, work, tw, sg.group_of(plan, row), x, v, a, per_x, per_v, per_a, matrix)

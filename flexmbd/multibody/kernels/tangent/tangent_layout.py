@@ -16,7 +16,7 @@ from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base import plan_layout as at
 from flexmbd.multibody.kernels.base.array_struct import ArrayStruct
 from flexmbd.multibody.kernels.base.arrays import Plan, memories_end, sides_end
-from flexmbd.multibody.kernels.elements.table import act_between_frames, of_surfaces, own_links, touched_modes
+from flexmbd.multibody.kernels.elements.table import act_between_frames, moved_unknowns, of_surfaces, own_links
 from flexmbd.multibody.kernels.tangent.diagonal_blocks import DiagonalBlocks, diagonal_blocks
 from flexmbd.multibody.kernels.tangent.unknown_blocks import UnknownBlocks
 
@@ -116,7 +116,7 @@ def new_tangent_work(
     quaternions = int((plan.tree[:, at.JOINT_TURN] == kinds.TURN_BALL).sum())
     with_states = plan.elements[act_between_frames(plan) & (plan.elements[:, at.EL_V] >= 0)]
     states = max((len(own_links(plan, row)) for row in with_states), default=0)
-    own = [sum(map(len, touched_modes(plan, row))) for row in plan.elements[of_surfaces(plan)]]
+    own = [moved_unknowns(plan, row) for row in plan.elements[of_surfaces(plan)]]
     states = max([states, *own])
     zeros = np.zeros
     n, longest, m = nv, nv, len(plan.rows)

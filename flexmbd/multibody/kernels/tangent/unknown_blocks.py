@@ -21,7 +21,13 @@ from numpy.typing import NDArray
 from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base import plan_layout as at
 from flexmbd.multibody.kernels.base.arrays import IntArray, Plan
-from flexmbd.multibody.kernels.elements.table import act_between_frames, of_surfaces, own_links, touched_modes
+from flexmbd.multibody.kernels.elements.table import (
+    act_between_frames,
+    of_surfaces,
+    own_links,
+    surface_groups,
+    touched_modes,
+)
 from flexmbd.multibody.kernels.sparse.index_lists import IndexLists, distinct, flat, new_lists, owned
 
 #: Entries of a cut body's motion (phi', phi'', alpha, r', r, phi; see ``tangent_columns``), and then of its wrench.
@@ -148,7 +154,19 @@ class UnknownBlocks:
         counts = [len(own) for own in chain(links.values(), modes.values())]
         owner = np.repeat(np.array([*links, *modes], np.int64), np.array(counts, np.int64))
         own = np.concatenate([self.plan.tree[flat(links.values()), at.JOINT_V], flat(modes.values())])
-        return self._between(frames, owned(owner, self.of[own], len(rows)))
+        found = self._between(frames, owned(owner, self.of[own], len(rows)))
+        return self._with_groups(found)
+
+    def _with_groups(self, found: IndexLists) -> IndexLists:
+        """Let each elastic surface of a group join all that any of them does."""
+        owner, items = [found.owner], [found.items]
+        for rows in surface_groups(self.plan):
+            all_of = found.taken(rows).items
+            owner.append(np.repeat(rows, len(all_of)))
+            items.append(np.tile(all_of, len(rows)))
+        if len(owner) == 1:
+            return found
+        return owned(np.concatenate(owner), np.concatenate(items), len(found.starts) - 1).once()
 
     @cached_property
     def closures(self) -> IndexLists:
