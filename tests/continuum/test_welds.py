@@ -32,7 +32,7 @@ from flexmbd.continuum import (
 )
 from flexmbd.continuum.grid.pieces import check_connected
 from flexmbd.errors import FormulationError, MeshError, ReductionError, SceneError
-from flexmbd.forms import solid_linear, solid_shell, st_venant_kirchhoff
+from flexmbd.forms import solid_linear, solid_shell, solid_shell_plasticity, st_venant_kirchhoff
 from flexmbd.reduction import ModalDerivatives, Traction, craig_bampton, linear_buckling, prestressed
 
 E, NU, RHO = 2.1e9, 0.3, 7850.0
@@ -568,3 +568,28 @@ def test_places_that_are_none():
         meshes.placed(plate(), p=(1.0, 2.0))
     with pytest.raises(MeshError, match="R must be a rotation"):
         meshes.placed(plate(), R=np.diag([1.0, 1.0, -1.0]))
+
+
+@pytest.mark.parametrize("form", [solid_shell, solid_shell_plasticity], ids=["elastic", "with a history"])
+def test_what_is_seen_of_a_wall_is_the_stress_of_its_faces(form, tmp_path):
+    """A strip that bends, welded in its middle: the recorded stress at top and bottom is 6 F (L - x) / (w t^2)."""
+    force, thickness = 0.01, 0.002
+    limit = {} if form is solid_shell else {"yield_stress": 1e9}
+    parts = {"a": plate(divisions=(10, 2), thickness=thickness)}
+    parts["b"] = plate(divisions=(10, 2), p=(LENGTH, 0.0, 0.0), thickness=thickness)
+    body = NonlinearModel(
+        meshes.join(parts), form, form.Parameters(E=E, nu=0.0, rho=RHO, **limit), degree=1, welds=SEAM,
+        interfaces=[Interface("a.x_min")],
+    )  # fmt: skip
+    load = TractionOnFacets("b.x_max", (0.0, 0.0, -force / (WIDTH * thickness)))
+    follow(body, [1.0], prescribed=clamped_dofs(body, ["a.x_min"]), loads=[load])
+    scene = fm.System()
+    strip = scene.add(fm.ContinuumBody(ImplicitContinuum(body, loads=[load])), name="strip")
+    scene.connect(fm.joint.Fixed(), scene.ground.frame(), strip.frame("a.x_min"))
+    run = scene.simulate(1e-7, h=1e-7, recording=fm.Recording(tmp_path / "strip.h5", every=1e-7))
+    x, sigma = body.layout.node_x[np.argsort(node_numbers(body))], run.recorded(strip).values("stress", row=0)[:, 0]
+    for place in (0.1, LENGTH, 0.3):
+        exact = 6.0 * force * (2 * LENGTH - place) / (WIDTH * thickness**2)
+        for side in (1.0, -1.0):
+            at = np.isclose(x[:, 0], place) & np.isclose(x[:, 2], side * thickness / 2)
+            np.testing.assert_allclose(sigma[at].mean(), side * exact, rtol=5e-3)
