@@ -13,8 +13,8 @@ constant one of all sections never strains the beam, however large. A step may b
 
 A dead moment is the gradient of no potential of theta; in equilibrium about a fixed axis, as in a plane,
 the force of the unknown is the moment itself. Strains depend on the steps by the square of their size
-times the element's, as the increments are interpolated. Straight and curved axes; statics: the mass is
-that of rest. Assumptions, elements and integration are those of `beam_timoshenko`.
+times the element's, as the increments are interpolated. Straight and curved axes; the mass is that of
+rest, in the sections' own axes. Assumptions, elements and integration are those of `beam_timoshenko`.
 
 References: Simo & Vu-Quoc 1986, doi:10.1016/0045-7825(86)90079-4; Reissner 1981, doi:10.1007/BF00946983;
 Ibrahimbegovic 1995, doi:10.1016/0045-7825(95)00724-F (rotation vectors by increments).
@@ -77,6 +77,11 @@ def stress(u: Expr, state: Expr, p: Parameters) -> Expr:
     """Resultants in the section's axes, (6,): forces along t, y, z (N), moments about them (N m)."""
     gamma, kappa, _ = _strains(u, state, p)
     return ufl.as_vector([*_stretching(p, gamma), *_bending(p, kappa)])
+
+
+def scaled_yield(p: Parameters, factor: float) -> Parameters:
+    """The same: nothing yields."""
+    return p
 
 
 def energies(u: Expr, state: Expr, p: Parameters) -> dict[str, tuple[Expr, Quadrature]]:

@@ -53,7 +53,7 @@ class Parameters(IsotropicElastic):
         coupling: modulus of rotation against the displacement's own, Pa, positive.
         length: m, positive; of the curvature's energy.
         micro_inertia: square of the micro-structure's radius of gyration about any axis, m^2, at least zero; a
-            body that moves as a whole, without being reduced, takes none.
+            body that moves as a whole in explicit steps takes none.
 
     Raises:
         ValueError: a value is not a finite number inside its range.

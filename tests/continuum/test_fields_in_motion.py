@@ -431,12 +431,11 @@ def test_what_a_body_cannot_carry_is_refused():
     comm = MPI.COMM_WORLD
     sheet = meshes.sheet(0.3, 0.05, divisions=(3, 1), comm=comm)
     plate = forms.plate_mitc
-    for kind in (ImplicitContinuum, ExplicitContinuum):
-        with pytest.raises(FormulationError, match=r"a kinetic energy of their own.*give it none where it is small"):
-            kind(cellular(micro_inertia=1e-4, comm=comm))
-        body = NonlinearModel(sheet, plate, plate.reference().parameters, degree=1, interfaces=list(ENDS))
-        with pytest.raises(FormulationError, match=r"turn with the body \(rigid_motion\).*load it slowly"):
-            kind(body)
+    with pytest.raises(FormulationError, match=r"a kinetic energy of their own.*give it none where it is small"):
+        ExplicitContinuum(cellular(micro_inertia=1e-4, comm=comm))
+    body = NonlinearModel(sheet, plate, plate.reference().parameters, degree=1, interfaces=list(ENDS))
+    with pytest.raises(FormulationError, match=r"turn with the body \(rigid_motion\).*load it slowly"):
+        ExplicitContinuum(body)
     with pytest.raises(InterfaceError, match=r"turn with the body.*Coupling.RIGID"):
         ImplicitContinuum(cellular(comm=comm, interfaces=AVERAGED))
     with pytest.raises(FormulationError, match=r"not determined by it.*take ImplicitContinuum"):

@@ -79,7 +79,7 @@ def linear_at_rest(
         motion,
         internal=axes.to_inertial(internal) - dead_load,
         dead_load=dead_load,
-        couples=nodes.bonds.turns.wrenches(internal, axes.R),
+        couples=nodes.bonds.turns.wrenches(internal, motion.R, axes.R),
         x=now.x,
         apparent_acceleration=np.zeros_like(now.x) - gravity,
         modes=modes,

@@ -25,6 +25,7 @@ from flexmbd.continuum.interior.further_unknowns import refuse_inertia_of_furthe
 from flexmbd.continuum.interior.machine_frames import check_frames, interface_frame, mass_of_part, mass_of_points
 from flexmbd.continuum.interior.present_interfaces import present_poses
 from flexmbd.continuum.interior.thickness_mass import ThicknessMass
+from flexmbd.continuum.interior.turn_law import SMALL_TURNS, TurnLaw
 from flexmbd.errors import InterfaceError
 from flexmbd.multibody.bodies.body import RigidBody
 from flexmbd.multibody.bodies.continuum_body import FrameMotion, InteriorFrame
@@ -59,6 +60,8 @@ class BondedNodes:
         rigid_parts: Mapping[str, RigidBody] | None = None,
         may_average: bool = False,
         thickness: ThicknessMass | None = None,
+        law: TurnLaw | None = None,
+        rotary: FloatArray | None = None,
     ) -> None:
         """Collect nodes and inertia.
 
@@ -69,15 +72,18 @@ class BondedNodes:
             may_average: whether interfaces may be averaged.
             thickness: further mass of edges through a wall, of those that go with one frame a part of its inertia;
                 others of bonded nodes are left out of it.
+            law: of unknowns that turn with the body, which may be rotations of beams and plates; None: of solids alone.
+            rotary: (owned nodes, 3, 3) kg m^2, inertia of their rotations in the body's axes, where these have some.
 
         Raises:
             InterfaceError: on all ranks: no interface, an averaged one where none may be or which shares nodes
                 with another, a rigid part of another name, or nodes whose inertia about an axis is zero where no
                 rigid part helps; as `present_poses`.
             FormulationError: the mass cannot be lumped, or there are unknowns besides the displacement that have mass
-                or turn with the body, or springs on facets.
+                (``rotary`` apart) or turn with the body (without a ``law``), or springs on facets.
         """
-        refuse_turning_unknowns(body)
+        if law is None:
+            refuse_turning_unknowns(body)
         body.refuse_surface_energy(by="a machine")
         parts, names = dict(rigid_parts or {}), [found.name for found in body.interfaces]
         check_frames(body.interfaces, parts, may_average=may_average)
@@ -90,8 +96,9 @@ class BondedNodes:
         lumped = body.vector()
         lumped.array[: body.n_owned] = lumped_mass(body)
         lumped.scatter_forward()
-        refuse_inertia_of_further_unknowns(body, lumped.array)
-        self.turns = BondedTurns(body)
+        if rotary is None:
+            refuse_inertia_of_further_unknowns(body, lumped.array)
+        self.turns = BondedTurns(body, law or SMALL_TURNS)
         mass: FloatArray = body.layout.displacements(lumped.array)[:, 0]
         kinds = [isinstance(found, AveragedInterface) for found in body.interfaces]
         self.averaged = np.array(kinds)[self.frame_of]
@@ -108,6 +115,10 @@ class BondedNodes:
         self._frame_at[self.nodes] = self.frame_of
         if thickness is not None:
             thickness.bond(self._frame_at)
+        #: (k, 3, 3) kg m^2, rotary inertia of the nodes on each frame about the frame's axes
+        self.rotary: FloatArray = np.zeros((len(names), 3, 3))
+        if rotary is not None:
+            self._take_rotary_inertia(body, rotary)
         self.frames = self._frames(body, parts)
 
     def arms(self, motion: FrameMotion) -> FloatArray:
@@ -154,8 +165,12 @@ class BondedNodes:
 
     def pose(self, motion: FrameMotion) -> tuple[FloatArray, FloatArray]:
         """Position (3,) and axes (3, 3) of the body frame that the first interface carries, in inertial axes."""
-        R = motion.R[0] @ self._axes[0].T
+        R = self.axes_of(motion.R)
         return motion.p[0] - R @ self._origins[0], R
+
+    def axes_of(self, frames: FloatArray) -> FloatArray:
+        """(3, 3) axes of the body frame with axes (k, 3, 3) of the frames, to inertial ones."""
+        return np.asarray(frames[0] @ self._axes[0].T)
 
     def _refuse_shared(self, names: list[str]) -> None:
         """An averaged face and another may not pull at one node: what each has of it would be open. Collective."""
@@ -172,8 +187,7 @@ class BondedNodes:
         """Unknowns that turn must have turned with their frames. Collective."""
         if not self.turns.any:
             return
-        values = self.turns.values(self._axes, np.eye(3))
-        gap = abs(values - body.displacement[self.turns.dofs])
+        gap = abs(self.turns.increments(self._axes, np.eye(3), body.displacement))
         error = None
         if max(body.comm.allgather(float(gap.max(initial=0.0)))) > SAME_PLACE:
             error = InterfaceError(
@@ -181,6 +195,12 @@ class BondedNodes:
                 "hold them too where the body is loaded before, or take a body that is new"
             )
         parallel.raise_collectively(self._comm, error)
+
+    def _take_rotary_inertia(self, body: NonlinearModel, rotary: FloatArray) -> None:
+        """Sum the frames' rotary inertia. Collective."""
+        for k, found in enumerate(body.interfaces):
+            mine = self.nodes[self.own & (self.frame_of == k)]
+            self.rotary[k] = found.R.T @ self.total(rotary[mine].sum(axis=0)) @ found.R
 
     def _frames(self, body: NonlinearModel, parts: Mapping[str, RigidBody]) -> tuple[InteriorFrame, ...]:
         frames, error = [], None
@@ -192,6 +212,7 @@ class BondedNodes:
                 held = edges.mine & (self._frame_at[edges.nodes[:, 0]] == k)
                 turning = mass_of_points(edges.added[held], edges.arms[held])[3:, 3:]
                 mass[3:, 3:] = mass[3:, 3:] + self.total(turning)
+            mass[3:, 3:] = mass[3:, 3:] + found.R @ self.rotary[k] @ found.R.T
             if found.name in parts:
                 mass = mass + mass_of_part(parts[found.name], found.R)
             try:

@@ -136,12 +136,12 @@ class CarriedMesh:
         if self._turns is not None and frames is not None:
             own = self._turns.own
             dofs = self._turns.dofs[own]
-            self._increment.array[dofs] = self._turns.values(frames, self.R)[own] - self.body.displacement[dofs]
+            self._increment.array[dofs] = self._turns.increments(frames, self.R, self.body.displacement)[own]
         self._increment.scatter_forward()
         if self.fields is not None:
             whole = self.fields.step(self._increment.array, dt=dt)
-            if self._turns is not None:
-                self.couples = self._turns.wrenches(whole, self.R)
+            if self._turns is not None and frames is not None:
+                self.couples = self._turns.wrenches(whole, frames, self.R)
             return layout.displacements(whole)
         force = self.body.step(self._increment.array, dt=dt).reshape(-1, 3)
         if self.bulk is None:

@@ -27,7 +27,7 @@ from flexmbd.continuum.history.tangent_solver import LinearSolver, TangentSolver
 from flexmbd.continuum.interior.frame_response import Condensation
 from flexmbd.continuum.interior.further_unknowns import kinds_of_unknowns
 from flexmbd.continuum.interior.step_equations import StepEquations
-from flexmbd.continuum.matrices.blocks import inner
+from flexmbd.continuum.matrices.blocks import inner, multiply
 from flexmbd.multibody.bodies.continuum_body import FrameMotion
 
 FloatArray = NDArray[np.float64]
@@ -183,7 +183,7 @@ class CondensedNewton:
         jumped = body.layout.at_dofs(jump[: body.layout.n_owned_nodes], owned=True)
         own = self._bonds.turns.own
         jumped[self._bonds.turns.dofs[own]] = self._turned(equations, motion)[own]
-        inertia = body.layout.at_dofs(self._frames.product(jump), owned=True) / equations.step.per_x
+        inertia = multiply(self._frames.mass, jumped[:, None])[:, 0] / equations.step.per_x
         residual = balance + self._product(jumped) - inertia
         left = self._without_constraint_forces(residual, constraints)
         change, forces, norm = self._correction(left, constraints)
@@ -242,10 +242,7 @@ class CondensedNewton:
 
     def _turned(self, equations: StepEquations, motion: FrameMotion) -> FloatArray:
         """(m,) how far unknowns that turn with frames have turned since the last accepted step."""
-        turns = self._bonds.turns
-        if not turns.any:
-            return np.zeros(0)
-        return turns.values(motion.R, equations.axes.R) - self._body.displacement[turns.dofs]
+        return self._bonds.turns.increments(motion.R, equations.axes.R, self._body.displacement)
 
     def _factor(self, matrix: PETSc.Mat, constraints: LinearConstraints | None) -> None:
         """Factor a tangent, which is changed. Collective."""
@@ -292,7 +289,7 @@ class CondensedNewton:
     ) -> tuple[FloatArray, FloatArray]:
         """Wrenches (k, 6) and slopes (6 k, 6 k) where the linearised nodes are in balance. Collective."""
         frames, bonds, R = self._frames, self._bonds, equations.axes.R
-        couples = bonds.turns.wrenches(residual, R)
+        couples = bonds.turns.wrenches(residual, motion.R, R)
         residual, corrected = equations.axes.to_inertial(residual), self._with_ghosts(increment, change)
         touched = None
         if equations.contacts.touches:
@@ -301,6 +298,7 @@ class CondensedNewton:
         if not fresh and self._kept is not None:
             arms = equations.axes.positions(corrected, bonds.nodes) - motion.p[bonds.frame_of]
             forces = frames.nodal_forces(residual, equations.held_accelerations - equations.step.gravity)
+            couples = couples + frames.frame_couples(motion)
             wrenches = frames.with_shapes(bonds.wrenches(forces, arms) + couples, touched)
             return wrenches, _turned(self._kept.slopes, R)
         x, a = equations.motion(corrected)

@@ -19,6 +19,7 @@ from flexmbd.continuum.history.displacement_newton import Newton
 from flexmbd.continuum.history.nonlinear_model import NonlinearModel
 from flexmbd.continuum.interior.bonded_nodes import BondedNodes
 from flexmbd.continuum.interior.face_averages import FaceAverages
+from flexmbd.continuum.interior.nodal_turns import TurningNodes
 from flexmbd.continuum.interior.touched_nodes import TouchedNodes
 from flexmbd.continuum.matrices.blocks import multiply
 from flexmbd.multibody.bodies.continuum_body import FrameMotion
@@ -59,6 +60,7 @@ class Condensation:
         averages: of averaged interfaces.
         newton: solves the linear systems.
         mass: the mass matrix.
+        turning: nodes whose rotations have inertia; None: there are none.
     """
 
     body: NonlinearModel
@@ -66,6 +68,7 @@ class Condensation:
     averages: FaceAverages
     newton: Newton
     mass: PETSc.Mat
+    turning: TurningNodes | None = None
 
     def product(self, nodal: FloatArray) -> FloatArray:
         """(owned nodes, 3) mass matrix times (local nodes, 3). Collective."""
@@ -178,8 +181,9 @@ class Condensation:
         if touched is not None:
             for j in columns[own_columns:]:
                 turned[j] = -self._on_nodes(touched, touched.by_frame(*divmod(j - own_columns, 6)))
-        given = self._given(relative @ R, moves, R)
-        left = multiply(tangent, given) + multiply(self.mass, self.columns(accelerations @ R))
+        given = self._given(relative @ R, moves, motion, R)
+        left = multiply(tangent, given)
+        left += multiply(self.mass, self._accelerated(accelerations @ R, given, moves, R, per_x))
         left += self.columns(turned @ R)
         followed = inverse(-left - self.columns(constraint_forces @ R))
         change = left + multiply(tangent, followed)
@@ -190,18 +194,18 @@ class Condensation:
             step = moves[j] if j < own_columns else None
             wrench = self._wrench_change(j, step, changes[j], moved[j], nodal_forces, arms)
             if bonds.turns.any:
-                wrench += bonds.turns.wrenches(change[:, j], R)
-                if j < 6:
-                    wrench[:, 3:] += _crossed(moves[j][2], couples[:, 3:])
+                wrench += self._couple_change(j, step, change[:, j], couples, motion, R)
+            if self.turning is not None and step is not None:
+                wrench += self.turning.couple_change(j // 6, step[2], motion, per_x, per_v)
             derivative[:own_columns, j] = wrench.reshape(-1)
         relative = self._completed(relative + moved)
         if touched is not None:
             derivative[own_columns:] = self._on_shapes(touched, carried + relative, own_columns)
-        wrenches = self.with_shapes(bonds.wrenches(nodal_forces, arms) + couples, touched)
         if bonds.turns.any:
             followed[bonds.turns.dofs[bonds.turns.own]] = given[bonds.turns.dofs[bonds.turns.own]]
         in_axes = self.columns(relative @ R, further=followed)
-        return FrameResponse(wrenches, derivative, carried + relative, in_axes, nodal_forces)
+        wrenches = bonds.wrenches(nodal_forces, arms) + couples + self.frame_couples(motion)
+        return FrameResponse(self.with_shapes(wrenches, touched), derivative, carried + relative, in_axes, nodal_forces)
 
     def _on_nodes(self, touched: TouchedNodes, forces: FloatArray) -> FloatArray:
         """(owned nodes, 3) N, of forces (n, 3) N on nodes that touch. Collective with ties."""
@@ -211,12 +215,43 @@ class Condensation:
         """Fields (k, owned nodes, 3) with what follows by ties; they are changed. Collective with ties."""
         return fields if self.body.ties is None else np.stack([self.body.complete_nodes(field) for field in fields])
 
-    def _given(self, fields: FloatArray, moves: Sequence[_UnitMotion], R: FloatArray) -> FloatArray:
+    def frame_couples(self, motion: FrameMotion) -> FloatArray:
+        """(k, 6) moments on the frames of the rotary inertia of nodes that the machine's frames have already."""
+        k = len(self.bonds.frames)
+        return np.zeros((k, 6)) if self.turning is None else self.turning.frame_couples(motion)
+
+    def _accelerated(
+        self, fields: FloatArray, given: FloatArray, moves: Sequence[_UnitMotion], R: FloatArray, per_x: float
+    ) -> FloatArray:
+        """(owned dofs, k) accelerations by unit motions, beside what the tangent has of them.
+
+        Those of nodes are ``fields`` (k, owned nodes, 3). Rotations are against the body's axes, with which nodes
+        between the frames turn.
+        """
+        accelerated = self.columns(fields)
+        if self.turning is None:
+            return accelerated
+        own, n = self.turning.inertia.own, len(self.turning.inertia.nodal)
+        bonds = self.bonds
+        for j, (_, _, turn, _) in enumerate(moves):
+            if j % 6 < 3:
+                continue
+            turned = R.T @ turn / per_x
+            change = np.tile(turned if j < 6 else np.zeros(3), (n, 1))
+            held = bonds.nodes[bonds.own]
+            mine = (bonds.frame_of[bonds.own] == j // 6)[:, None]
+            change[held] = np.where(mine, turned, 0.0) - given[own[held], j] / per_x
+            accelerated[own, j] = change
+        return accelerated
+
+    def _given(
+        self, fields: FloatArray, moves: Sequence[_UnitMotion], motion: FrameMotion, R: FloatArray
+    ) -> FloatArray:
         """(owned dofs, k) of fields (k, owned nodes, 3) in body axes, and of unknowns that turn with the frames."""
         turns, given = self.bonds.turns, self.columns(fields)
         if turns.any:
             for j, (_, _, turn, _) in enumerate(moves):
-                given[turns.dofs[turns.own], j] = turns.follow(turn, j // 6, R)[turns.own]
+                given[turns.dofs[turns.own], j] = turns.follow(turn, j // 6, motion.R, R)[turns.own]
         return given
 
     def _wrench_change(
@@ -250,6 +285,18 @@ class Condensation:
         wrench = bonds.wrenches(forces, arms)
         wrench[:, 3:] += bonds.wrenches(nodal_forces, arm_changes)[:, 3:]
         return wrench
+
+    def _couple_change(
+        self, j: int, step: _UnitMotion | None, change: FloatArray, couples: FloatArray, motion: FrameMotion,
+        R: FloatArray,
+    ) -> FloatArray:
+        """(k, 6) change of the couples (k, 6) that hold rotations, by column j; ``change`` (owned dofs,) of forces."""
+        found = self.bonds.turns.wrenches(change, motion.R, R)
+        if step is not None:
+            # they turn with the body's axes, and half with what their frame turns against these
+            share = 0.5 * (np.arange(len(couples)) == j // 6) + (0.5 if j < 6 else 0.0)
+            found[:, 3:] += share[:, None] * _crossed(step[2], couples[:, 3:])
+        return found
 
     def columns(self, fields: FloatArray, *, further: FloatArray | None = None) -> FloatArray:
         """(owned dofs, k) from k fields (k, owned nodes, 3), and at further unknowns what columns like these have."""

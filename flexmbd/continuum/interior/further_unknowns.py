@@ -19,7 +19,10 @@ from flexmbd.errors import FormulationError
 
 FloatArray = NDArray[np.float64]
 
-_REMEDY = "give it none where it is small, load it slowly (flexmbd.continuum.follow), or reduce it (craig_bampton)"
+_REMEDY = (
+    "take implicit steps (ImplicitContinuum) where they are rotations, give it none where it is small, load it slowly "
+    "(flexmbd.continuum.follow), or reduce it (craig_bampton)"
+)
 
 
 def owned_further_dofs(body: NonlinearModel) -> NDArray[np.int64]:

@@ -27,10 +27,12 @@ from flexmbd.continuum.interior.implicit_contacts import ImplicitContacts
 from flexmbd.continuum.interior.loads_in_motion import LoadsInMotion
 from flexmbd.continuum.interior.nodal_energies import kinetic_energy, weight_energy
 from flexmbd.continuum.interior.nodal_solution import NodalSolution
+from flexmbd.continuum.interior.nodal_turns import recalled, remembered
 from flexmbd.continuum.interior.plane_motion import PlaneMotion
 from flexmbd.continuum.interior.shape_contacts import check_surface
 from flexmbd.continuum.interior.staggered_fields import StaggeredFields
 from flexmbd.continuum.interior.step_equations import NodalState, StepEnd, StepEquations, TriedStep
+from flexmbd.continuum.interior.turn_watch import TurnWatch
 from flexmbd.errors import SceneError
 from flexmbd.given import checked
 from flexmbd.multibody.bodies.body import RigidBody
@@ -101,6 +103,7 @@ class ImplicitContinuum:
         self._step: TriedStep | None = None  # that is tried
         self._known_energies: dict[str, float] | None = None  # of the last accepted state, once they were asked for
         self._plane = PlaneMotion(body)
+        self._watch = TurnWatch(body, nodes.law)
         self._halved: HalvedSteps | None = None  # where the error of updates is asked for
 
     def begin(self, t: float, motion: FrameMotion, gravity: FloatArray) -> FloatArray:
@@ -108,6 +111,7 @@ class ImplicitContinuum:
         body, bonds = self.body, self._bonds
         body.restore(self._first)
         self._halved = None
+        self._watch.begin()
         self._forget()
         self._set_gravity(np.asarray(gravity, dtype=float))
         p, R = bonds.pose(motion)
@@ -115,15 +119,17 @@ class ImplicitContinuum:
         x: FloatArray = p + body.node_x @ R.T
         v: FloatArray = motion.v[0] + np.cross(motion.w[0], x - motion.p[0])
         v[bonds.nodes] = bonds.velocities(motion)
-        self._state = NodalState(t, x, v, v, v, 0.0)
+        turns = None if self._nodes.turning is None else self._nodes.turning.begun(R, motion)
+        bonds.turns.accept(motion.R, R)
+        self._state = NodalState(t, x, v, v, v, 0.0, turns)
         self._loads.begin(R)
         self._loads.now = self._loads.after(t, x)
         self._contacts.begin(x, motion)
         if self._begins_fresh and not self._loads.applied.any_heat:
-            return self._start_accelerations(motion, -self._loads.now)
+            return self._start_accelerations(motion, -self._loads.now, np.zeros(body.n_owned))
         # what holds the body in its shape at rest: warm, with voltages, or deformed before
         still: FloatArray = np.zeros(body.layout.n_local)
-        if body.layout.has_further:
+        if body.layout.has_further and self._nodes.turning is None:
             still = StaggeredFields(body, bonds.turns.dofs[bonds.turns.own]).balanced(still, dt=0.0)[0]
             body.commit(still, dt=0.0)
         return self._start_in_shape(motion)
@@ -133,7 +139,9 @@ class ImplicitContinuum:
         now = self._current_state()
         v = now.v.copy()
         v[self._nodes.bonded] = self._bonds.velocities(motion)[~self._bonds.averaged]
-        self._state = replace(now, t=t, v=v, h=0.0)
+        turning = self._nodes.turning
+        turns = None if turning is None or now.turns is None else turning.spun(now.turns, motion)
+        self._state = replace(now, t=t, v=v, h=0.0, turns=turns)
         self._loads.now = self._loads.after(t, now.x)
         self._forget()
         return self._start_in_shape(motion)
@@ -145,7 +153,10 @@ class ImplicitContinuum:
         found = balance_at_rest(self._nodes, self._loads, t, motion, guess=guess, gravity=self._gravity)
         still = np.zeros_like(found.x)
         state = NodalState(t, found.x, still + motion.v[0], still, still, 0.0)
-        self._trial = StepEnd(state, found.increment, found.load, (), 0.0)
+        turning, turns = self._nodes.turning, self._current_state().turns
+        if turning is not None and turns is not None:
+            state = replace(state, turns=turning.rested(turns, found.increment, self._nodes.axes(motion).R))
+        self._trial = StepEnd(state, found.increment, found.load, (), 0.0, motion.R)
         return found.wrenches, found.slopes
 
     def linear(self, motion: FrameMotion, modes: InteriorModes) -> LinearInterior:
@@ -200,11 +211,13 @@ class ImplicitContinuum:
         if self._halved is not None:
             self._halved.follow(self._trial.increment, self._trial.dt)
         before, self._state = self._current_state(), self._trial.state
+        self._bonds.turns.accept(self._trial.frames, self._bonds.axes_of(self._trial.frames))
         self._loads.accept(self._state.x - before.x, self._trial.load)
         self._contacts.accept(self._trial.touched)
         self._state = replace(self._state, h=self._state.t - before.t)
         self._trial = self._iterated = self._step = self._known_energies = None
         self._nodes.joint.end_step()
+        self._watch.look(self._state.t)
 
     def revert(self) -> None:
         """See `ImplicitInterior.revert`."""
@@ -217,6 +230,8 @@ class ImplicitContinuum:
         now, memory = self._current_state(), self._memory
         arrays = {name: memory.gather_nodes(getattr(now, name)) for name in _NODAL}
         numbers = {"times": np.array([now.t, now.h]), "gravity": self._gravity.copy()}
+        if now.turns is not None:
+            arrays |= {**remembered(now.turns, memory), "turned frames": self._bonds.turns.accepted.copy()}
         arrays["load"] = memory.gather_nodes(self._loads.now)
         numbers |= {"load work": np.array(self._loads.work), "begun": self._loads.R_begun.copy()}
         return {**arrays, **numbers, **memory.gather(self.body.snapshot()), **self._contacts.snapshot()}
@@ -231,7 +246,11 @@ class ImplicitContinuum:
         self._loads.R_begun = arrays["begun"].copy()
         self._loads.work = float(arrays["load work"])
         self._loads.now = self._memory.scatter_nodes(arrays["load"])[: self.body.layout.n_owned_nodes]
-        self._state = NodalState(t=t, h=h, **nodal)
+        turns = None
+        if self._nodes.turning is not None:
+            turns = recalled(arrays, self._memory)
+            self._bonds.turns.accepted = arrays["turned frames"].copy()
+        self._state = NodalState(t=t, h=h, turns=turns, **nodal)
         self._contacts.restore(arrays)
         if self._halved is not None:
             self._halved.begin_anew()
@@ -258,7 +277,8 @@ class ImplicitContinuum:
     def _own_energies(self) -> dict[str, float]:
         """J, what the body holds in the last accepted state, of all kinds but its weight's. Collective."""
         if self._known_energies is None:
-            kinetic = kinetic_energy(self._nodes.frames, self._current_state().v)
+            now = self._current_state()
+            kinetic = kinetic_energy(self._nodes.frames, now.v, now.turns)
             self._known_energies = {"kinetic": kinetic, **self.body.energies()}
         return self._known_energies
 
@@ -335,7 +355,10 @@ class ImplicitContinuum:
         if step is None or (step.t_end, step.h, step.scheme) != (t_end, h, scheme):
             now = self._current_state()
             if now.h > 0.0:
-                now = replace(now, auxiliary=scheme.carry(now.auxiliary, h, now.h, now.a))
+                turns = now.turns
+                if turns is not None:
+                    turns = replace(turns, auxiliary=scheme.carry(turns.auxiliary, h, now.h, turns.a))
+                now = replace(now, auxiliary=scheme.carry(now.auxiliary, h, now.h, now.a), turns=turns)
             nodes = self._nodes
             # accelerations are differences of places over the square of the step
             round_off = max(nodes.round_off, nodes.mass_size * nodes.extent_of(now.x) / scheme.slopes(h)[0])
@@ -356,7 +379,7 @@ class ImplicitContinuum:
         state = equations.end(increment, self._bonds.velocities(motion)[~self._bonds.averaged])
         load = equations.axes.to_inertial(equations.loads.force(increment))
         touched = self._contacts.evaluate(state.x, motion)[1]
-        return StepEnd(state, increment, load, touched, equations.step.h)
+        return StepEnd(state, increment, load, touched, equations.step.h, motion.R)
 
     def _set_gravity(self, gravity: FloatArray) -> None:
         """Take (3,) m/s^2. Collective."""
@@ -372,14 +395,16 @@ class ImplicitContinuum:
         """As `_start_accelerations`, of the body as it is deformed and touches. Collective."""
         axes = self._nodes.axes(motion)
         internal = self.body.force(np.zeros(self.body.layout.n_local), dt=0.0)
-        couples = self._bonds.turns.wrenches(internal, axes.R)
         acting = self._loads.now + self.body.condense_nodes(self._contacts.nodal())
-        found = self._start_accelerations(motion, axes.to_inertial(internal) - acting)
-        found[: len(couples)] += couples
-        return found
+        return self._start_accelerations(motion, axes.to_inertial(internal) - acting, internal)
 
-    def _start_accelerations(self, motion: FrameMotion, internal: FloatArray) -> FloatArray:
-        """Set the accelerations that internal forces (owned nodes, 3) N, in inertial axes, cause. Collective.
+    def _start_accelerations(self, motion: FrameMotion, internal: FloatArray, unknowns: FloatArray) -> FloatArray:
+        """Set the accelerations that internal forces cause. Collective.
+
+        Args:
+            motion: of the frames.
+            internal: (owned nodes, 3) N, less what acts, in inertial axes.
+            unknowns: (owned dofs,) forces of unknowns beside the displacement, in the body's axes.
 
         Returns:
             (k, 6) wrenches on the frames.
@@ -391,10 +416,25 @@ class ImplicitContinuum:
         self._state = replace(self._current_state(), a=a, auxiliary=a.copy())
         held = a[nodes.bonded] - gravity
         nodal_forces = nodes.frames.nodal_forces(internal + nodes.inertia(a - gravity), held)
-        wrenches = bonds.wrenches(nodal_forces, bonds.arms(motion))
+        wrenches = bonds.wrenches(nodal_forces, bonds.arms(motion)) + self._start_turns(motion, unknowns)
         if self._contacts.touches:
             wrenches = np.vstack([wrenches, bonds.total(self._contacts.wrenches())])
         return wrenches
+
+    def _start_turns(self, motion: FrameMotion, unknowns: FloatArray) -> FloatArray:
+        """Set the rates of spins that forces of rotations (owned dofs,) cause. Collective.
+
+        Returns:
+            (k, 6) wrenches on the frames.
+        """
+        nodes, now = self._nodes, self._current_state()
+        R = nodes.axes(motion).R
+        if nodes.turning is not None and now.turns is not None:
+            turns, forces = nodes.turning.started(now.turns, motion, unknowns)
+            self._state = replace(now, turns=turns)
+            unknowns = unknowns.copy()
+            unknowns[nodes.turning.inertia.own] += forces
+        return self._bonds.turns.wrenches(unknowns, motion.R, R) + nodes.frames.frame_couples(motion)
 
 
 _NODAL = ("x", "v", "a", "auxiliary")

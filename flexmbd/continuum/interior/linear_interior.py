@@ -64,10 +64,15 @@ def linear_equations(
     )
     fixed_modes = _fixed_interface_modes(frames, stiffness.copy(), motion, modes=modes, prescribed=prescribed)
     static_modes: FloatArray = frames.columns(response.fields @ R, further=response.relative)
+    if frames.turning is not None:
+        static_modes[frames.turning.inertia.own, 3:6] += R.T  # with the body's axes, which the first frame carries
     fields = np.asfortranarray(np.hstack([static_modes, fixed_modes.shapes]))
     k, n = static_modes.shape[1], fixed_modes.shapes.shape[1]
     mass = inner(comm, fields, multiply(frames.mass, fields))
     mass[:k, :k] -= _bonded_mass(frames, static_modes)
+    if frames.turning is not None:
+        for j, block in enumerate(frames.turning.inertial(motion)):
+            mass[6 * j + 3 : 6 * j + 6, 6 * j + 3 : 6 * j + 6] -= block
     forces = multiply(stiffness, fixed_modes.shapes)
     stiffness_matrix = np.zeros((k + n, k + n))
     stiffness_matrix[:k, :k] = -response.slopes

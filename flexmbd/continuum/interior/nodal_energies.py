@@ -6,15 +6,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexmbd.continuum.interior.frame_response import Condensation
+from flexmbd.continuum.interior.nodal_turns import TurnState
 
 FloatArray = NDArray[np.float64]
 
 
-def kinetic_energy(frames: Condensation, v: FloatArray) -> float:
-    """J, at velocities (local nodes, 3) m/s. Collective."""
+def kinetic_energy(frames: Condensation, v: FloatArray, turns: TurnState | None) -> float:
+    """J, at velocities (local nodes, 3) m/s, and spins of nodes that turn. Collective."""
     momentum = frames.product(v)
     nodes, mass = _held(frames)
     energy = 0.5 * (momentum * v[: len(momentum)]).sum() - 0.5 * (mass[:, None] * v[nodes] ** 2).sum()
+    if frames.turning is not None and turns is not None:
+        energy += frames.turning.inertia.energy(turns, nodes)
     return float(frames.bonds.total(np.array(energy)))
 
 

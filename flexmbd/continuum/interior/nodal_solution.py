@@ -19,8 +19,10 @@ from flexmbd.continuum.interior.condensed_newton import CondensedNewton
 from flexmbd.continuum.interior.face_averages import FaceAverages
 from flexmbd.continuum.interior.frame_response import Condensation, FrameResponse
 from flexmbd.continuum.interior.further_unknowns import owned_further_dofs, with_unit_rows_of_further_unknowns
+from flexmbd.continuum.interior.nodal_turns import TurningNodes, refuse_turned_already, turn_inertia
 from flexmbd.continuum.interior.step_equations import BodyAxes, RestEquations, StepEquations
 from flexmbd.continuum.interior.touched_nodes import TouchedNodes
+from flexmbd.continuum.interior.turn_law import TurnLaw, find_turn_law
 from flexmbd.errors import ConvergenceError
 from flexmbd.multibody.bodies.body import RigidBody
 from flexmbd.multibody.bodies.continuum_body import FrameMotion
@@ -40,6 +42,8 @@ class NodalSolution:
         bonds: its nodes on frames.
         bonded: (n,) local nodes that rigid frames hold.
         frames: condensation to them.
+        law: of unknowns that turn with the body; None: there are none.
+        turning: nodes whose rotations have inertia; None: there are none.
         fixed: owned dofs that are given where frames are fixed.
         newton: of displacements where those of bonded nodes are given.
         joint: iterations with the machine's own.
@@ -55,9 +59,22 @@ class NodalSolution:
 
         Raises:
             InterfaceError: on all ranks: as `BondedNodes`.
+            FormulationError: on all ranks: as `turn_inertia`.
         """
         self.body, self._M = body, body.mass()
-        self.bonds = bonds = BondedNodes(body, rigid_parts=rigid_parts, may_average=True)
+        # in so short a time (s) nothing flows; in none a form whose viscosity is zero would divide 0 by 0
+        with as_fresh(body):
+            diagonal = body.tangent(np.zeros(body.layout.n_local), dt=EPSILON).getDiagonal().array_r.copy()
+        inertia = turn_inertia(body, self._M)
+        self.law: TurnLaw | None = find_turn_law(body, diagonal) if body.turns else None
+        refuse_turned_already(body, self.law)
+        self.bonds = bonds = BondedNodes(
+            body, rigid_parts=rigid_parts, may_average=True, law=self.law,
+            rotary=None if inertia is None else inertia.nodal,
+        )
+        self.turning: TurningNodes | None = None
+        if inertia is not None and self.law is not None:
+            self.turning = TurningNodes(inertia, self.law, bonds.rotary, bonds.nodes, bonds.frame_of)
         self._averages = FaceAverages(body, bonds)
         bonds.take_lent_mass(self._M)
         self.bonded = bonds.nodes[~bonds.averaged]
@@ -68,11 +85,8 @@ class NodalSolution:
         # what has no mass has no acceleration
         still = np.union1d(self._prescribed, owned_further_dofs(body)).astype(np.int32)
         self._accelerated = Newton(body, still, solver=solver) if body.layout.has_further else self.newton
-        self.frames = Condensation(body, bonds, self._averages, self.newton, self._M)
-        # in so short a time (s) nothing flows; in none a form whose viscosity is zero would divide 0 by 0
-        with as_fresh(body):
-            diagonal = body.tangent(np.zeros(body.layout.n_local), dt=EPSILON).getDiagonal()
-        places = body.layout.displacements(diagonal.array_r)
+        self.frames = Condensation(body, bonds, self._averages, self.newton, self._M, self.turning)
+        places = body.layout.displacements(diagonal)
         self.round_off = EPSILON * body.norm(places.ravel()) * self.extent_of(body.layout.node_x)
         self.mass_size = EPSILON * self._M.getDiagonal().norm()
         self.diagonal: FloatArray = places.reshape(-1).copy()
@@ -111,8 +125,7 @@ class NodalSolution:
         self.body.complete(guess)
         constraints = self._averages.constraints(motion, axes.R, displacement=gap)
         if bonds.turns.any:
-            turned = bonds.turns.values(motion.R, axes.R)
-            moved[bonds.turns.dofs] = turned - self.body.displacement[bonds.turns.dofs]
+            moved[bonds.turns.dofs] = bonds.turns.increments(motion.R, axes.R, self.body.displacement)
         target = moved[self._prescribed]
         return self.newton.solve(guess, target, equations.balance, equations.tangent, constraints)
 
@@ -153,7 +166,7 @@ class NodalSolution:
             apparent_acceleration=apparent,
             dead_load=axes.to_inertial(equations.loads.dead),
             slopes=slopes,
-            couples=self.bonds.turns.wrenches(residual, axes.R),
+            couples=self.bonds.turns.wrenches(residual, motion.R, axes.R),
             touched=touched,
         )
 

@@ -200,13 +200,19 @@ def surface_nodes(body: NonlinearModel, surface: str) -> IntArray:
 
 
 def check_surface(body: NonlinearModel, surface: str, *, what: str) -> None:
-    """Refuse a surface that a body has not, or that has no facets. Collective.
+    """Refuse a surface that a body has not, or that has no facets, and all of beams and plates. Collective.
 
     Raises:
         SceneError: on all ranks: names those there are.
     """
     known = sorted(body.mesh.facet_groups)
     error = None
-    if surface not in known:
+    if body.turns and body.mesh.dim < 3:
+        error = SceneError(
+            f"{what}: {body.form_name} is a beam or a plate, whose mesh has the edges of a surface alone and no "
+            "thickness; put shapes on its frames (fm.contact.Sphere(body.frame(...), radius)), or mesh it with solid "
+            "cells (solid_shell for plates)"
+        )
+    elif surface not in known:
         error = SceneError(f"{what}: its mesh has no group of facets {surface!r}; it has {', '.join(map(repr, known))}")
     parallel.raise_collectively(body.comm, error)

@@ -21,6 +21,7 @@ from flexmbd.continuum.history.nonlinear_model import NonlinearModel
 from flexmbd.continuum.interior.frame_response import Condensation
 from flexmbd.continuum.interior.implicit_contacts import ImplicitContacts
 from flexmbd.continuum.interior.implicit_touch import TouchedState
+from flexmbd.continuum.interior.nodal_turns import TurnState
 from flexmbd.continuum.interior.touched_nodes import TouchedNodes
 from flexmbd.multibody.bodies.continuum_body import FrameMotion, Scheme
 from flexmbd.round_off import STALLED
@@ -38,6 +39,7 @@ class NodalState:
         x, v, a: m, m/s, m/s^2.
         auxiliary: m/s^2, of the scheme.
         h: s, of the step before; zero at the start.
+        turns: of nodes whose rotations have inertia; None: there are none.
     """
 
     t: float
@@ -46,6 +48,7 @@ class NodalState:
     a: FloatArray
     auxiliary: FloatArray
     h: float
+    turns: TurnState | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,6 +61,7 @@ class StepEnd:
         load: (owned nodes, 3) N, in inertial axes, that acts there.
         touched: what shapes do there.
         dt: s, the time that passes for the material, none on the way to rest.
+        frames: (k, 3, 3) axes of the machine's frames there.
     """
 
     state: NodalState
@@ -65,6 +69,7 @@ class StepEnd:
     load: FloatArray
     touched: tuple[TouchedState, ...]
     dt: float
+    frames: FloatArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -184,12 +189,22 @@ class StepEquations:
         internal = self.body.force(increment, dt=self.step.h)
         x, a = self.motion(increment)
         inertia = self.axes.to_body(self.frames.product(a - self.step.gravity))
+        turning, before, end = self.frames.turning, self.step.before.turns, self.turned(increment)
+        if turning is not None and before is not None and end is not None:
+            inertia[turning.inertia.own] += turning.forces(before, end, increment)
         outer = self.loads.force(increment)
         if self.contacts.touches:
             touched = self.touched(x)
             on_nodes = touched.at_nodes(touched.force, self.body.layout.n_owned_nodes)
             outer = outer + self.axes.to_body(self.body.condense_nodes(on_nodes))
         return internal, inertia, outer
+
+    def turned(self, increment: FloatArray) -> TurnState | None:
+        """The nodes' rotations at a displacement (local dofs,) m. Not collective."""
+        turning, step = self.frames.turning, self.step
+        if turning is None or step.before.turns is None:
+            return None
+        return turning.ended(step.before.turns, increment, self.axes.R, self.frame_motion, step.h, step.scheme)
 
     def touched(self, x: FloatArray) -> TouchedNodes:
         """Contact forces with nodes at x (local nodes, 3) m. Not collective."""
@@ -236,7 +251,7 @@ class StepEquations:
         _, v, last = step.scheme.end(step.h, before.v, before.a, before.auxiliary, a)
         v[self.held] = held_velocities
         v, a, last = (self.body.complete_nodes(rates) for rates in (v, a, last))
-        return NodalState(step.t_end, x, v, a, last, step.h)
+        return NodalState(step.t_end, x, v, a, last, step.h, self.turned(increment))
 
 
 @dataclass(frozen=True, eq=False)
