@@ -73,25 +73,19 @@ class WallLaw:
 
     def residual(self, u: Expr, v: Expr, state: Expr, p: Any, **given: Expr) -> Terms:
         """Virtual work per initial volume, J/m^3, and that of what ties the assumed strain, linear in v."""
-        along = ufl.Coefficient(u.ufl_function_space())
-        turned = {along: v, ufl.grad(along): ufl.grad(v)}
-
-        def varied(expression: Expr) -> Expr:
-            changed = ufl.algorithms.expand_derivatives(ufl.derivative(expression, u, along))
-            return ufl.replace(changed, turned)
-
         wall = self._assumed(u, p)
         own, begin = self._begin(state)
-        gradient, volume = _since(_gradient(wall.strain), begin)
+        whole = _gradient(wall.strain)
+        gradient, volume = _since(whole, begin)
         virtual = ufl.Coefficient(_symbol(u).ufl_function_space())
-        # the variation as (3, 3) of its own, for the law is linear in it
-        change = varied(gradient)
         terms = at_gradient(lambda c: [w for w, _ in self.law.residual(c, virtual, own, p, **given)], u, gradient)
-        moved = {ufl.grad(virtual): change, virtual: _thin_wall.displacement(v)}
-        return [
-            *((volume * ufl.replace(density, moved), self.rule) for density in terms),
-            *((varied(density), rule) for density, rule in wall.ties),
-        ]
+        density = sum(terms)
+        stress = volume * _on_strain(_on_gradient(density, virtual, begin), whole)
+        rest = ufl.replace(density, {ufl.grad(virtual): ufl.zero(3, 3)})
+        work = wall.virtual_work(stress, v)
+        if virtual in ufl.algorithms.extract_coefficients(rest):
+            work += volume * ufl.replace(rest, {virtual: _thin_wall.displacement(v)})
+        return [(work, self.rule), *wall.virtual_ties(v)]
 
     def state(self, p: Any) -> Expr:
         """The law's history at rest, and what is kept behind it."""
@@ -210,6 +204,38 @@ def _since(gradient: Expr, begin: Expr | None) -> tuple[Expr, Expr]:
     if begin is None:
         return gradient, ufl.as_ufl(1.0)
     return (gradient - begin) * _inverse(begin), (1 + begin[0, 0]) * (1 + begin[1, 1]) * (1 + begin[2, 2])
+
+
+def _on_gradient(density: Expr, virtual: Expr, begin: Expr | None) -> Expr:
+    """(3, 3) Pa, whose work on the variation of U is a density linear in that of U U'^-1, the gradient of ``virtual``.
+
+    Of its upper triangle, which is all that works.
+    """
+    rows = ufl.Identity(3) if begin is None else _inverse(begin)
+    domain = ufl.domain.extract_unique_domain(virtual)
+    element = basix.ufl.element("DG", str(domain.ufl_cell()), 0, shape=(3, 3))
+    symbol = ufl.Coefficient(ufl.FunctionSpace(domain, element))
+    # all that is not linear in it is one object from here on
+    density = ufl.replace(density, {ufl.grad(virtual): symbol, virtual: ufl.zero(3)})
+
+    def of(i: int, j: int) -> Expr:
+        varied = [[0.0] * 3 for _ in range(3)]
+        varied[i] = [rows[j, k] for k in range(3)]
+        return ufl.replace(density, {symbol: ufl.as_matrix(varied)})
+
+    return ufl.as_matrix([[of(i, j) if j >= i else 0.0 for j in range(3)] for i in range(3)])
+
+
+def _on_strain(stress: Expr, gradient: Expr) -> Expr:
+    """S with S : dE = P : dU of a stress P on the variation of U, Cholesky's factor of 1 + 2 E.
+
+    dU U^-1 is the upper triangle of U^-T 2 dE U^-1 with half of its diagonal, and so S = U^-1 Q U^-T, the upper
+    triangle of the symmetric Q that of P U^T (Smith 1995, doi:10.1080/10618600.1995.10474671).
+    """
+    whole = stress * (ufl.Identity(3) + gradient).T
+    q = ufl.as_matrix([[whole[min(i, j), max(i, j)] for j in range(3)] for i in range(3)])
+    back = _inverse(gradient)
+    return back * q * back.T
 
 
 def _inverse(excess: Expr) -> Expr:

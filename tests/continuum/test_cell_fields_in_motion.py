@@ -22,7 +22,8 @@ from flexmbd.continuum import (
     load_form,
     node_numbers,
 )
-from flexmbd.forms import j2_plasticity, solid_enhanced
+from flexmbd.continuum.history.cell_fields_solved import CellFieldsSolved
+from flexmbd.forms import j2_plasticity, solid_enhanced, solid_shell_plasticity
 from flexmbd.forms.j2_plasticity import LinearHardening
 from flexmbd.reduction import craig_bampton
 
@@ -123,6 +124,26 @@ def test_explicit_steps_keep_the_account_of_a_bar_that_yields():
         found.append([account[name][-1] for name in ("plastic", "elastic", "kinetic")])
     assert max(errors[1:]) < 1.1 * errors[0] < 0.01
     assert found[1] == pytest.approx(found[2], rel=0, abs=5e-4 * max(found[2]))
+
+
+def test_tangents_of_cells_are_few(monkeypatch):
+    """One of each cell at rest tells the stable step; then the kept ones learn how the wall flows, all over."""
+    renewed = []
+    renew = CellFieldsSolved.renew
+    monkeypatch.setattr(CellFieldsSolved, "renew", lambda self, cells: renewed.append(len(cells)) or renew(self, cells))
+    wall = meshes.wall(meshes.sheet(0.06, 0.04, divisions=(6, 4), comm=SELF), 0.004)
+    steel = solid_shell_plasticity.Parameters(
+        E=2.1e11, nu=0.3, rho=7850.0, yield_stress=2.5e8, hardening=LinearHardening(8e8)
+    )
+    body = NonlinearModel(wall, solid_shell_plasticity, steel, degree=1)
+    renewed.clear()
+    run = ExplicitRun(body, velocity=lambda x: x * [100.0, -50.0, -30.0] + np.sin(200 * x[:, :1]) * [0.0, 0.0, 20.0])
+    assert sum(renewed) <= 24
+    renewed.clear()
+    h = 0.9 * run.motion.limit
+    account = run.simulate(60 * h, h=h)
+    assert account["plastic"][-1] > 0.2 * account["kinetic"][0]
+    assert sum(renewed) <= 24 + 0.05 * 24 * 60
 
 
 def _exact(body):

@@ -116,3 +116,28 @@ def test_shared_parts_are_one_object_and_worth_the_same():
         np.testing.assert_allclose(values[1], values[0], rtol=1e-14)
     # a sum whose parts were compared all the way down would not end
     assert len({id(part) for part in ufl.corealg.traversal.pre_traversal(again)}) < 200
+
+
+def test_parts_that_divide_by_the_same_divide_once():
+    """An inverse, a derivative of a quotient and quotients by numbers are worth the same, with one reciprocal each."""
+    domain = meshes.block(1.0, 1.0, 1.0, divisions=(1, 1, 1), comm=MPI.COMM_SELF).mesh
+    u = fem.Function(fem.functionspace(domain, ("Lagrange", 1, (3,))))
+    u.interpolate(lambda x: np.array([0.1 * x[0] * x[1], 0.2 * x[2], 0.3 * x[0] - 0.1 * x[1]]))
+    f = ufl.Identity(3) + ufl.grad(u)
+    i, j = ufl.indices(2)
+    c = ufl.variable(f.T * f)
+    expressions = [
+        ufl.inner(ufl.inv(f), f * f) + ufl.tr(f) / ufl.det(f),
+        ufl.diff(ufl.tr(c * c) / ufl.tr(c), c)[0, 1],
+        u[0] / 3 + u[1] / 7 + u[2] / 3 + f[0, 1] / 2.5,
+        ufl.as_tensor(f[i, j] / (1 + u[0] ** 2), (i, j))[1, 2],
+    ]
+    points = np.array([[0.3, 0.2, 0.6]])
+    for before, after in zip(expressions, share_parts(expressions), strict=True):
+        values = [fem.Expression(e, points).eval(domain, np.zeros(1, dtype=np.int32)) for e in (before, after)]
+        np.testing.assert_allclose(values[1], values[0], rtol=1e-14)
+        divisions = [
+            part for part in ufl.corealg.traversal.unique_pre_traversal(after) if isinstance(part, ufl.classes.Division)
+        ]
+        assert all(isinstance(one.ufl_operands[0], ufl.classes.ScalarValue) for one in divisions)
+        assert len(divisions) <= 2

@@ -1,5 +1,7 @@
 """Slow loading of slender bodies that bend a lot: in as many steps as of fat ones, to the elastica."""
 
+import sys
+
 from mpi4py import MPI
 
 import numpy as np
@@ -7,9 +9,10 @@ import pytest
 from full_model import gather
 from scipy.integrate import solve_bvp
 
+import flexmbd as fm
 from flexmbd import meshes
-from flexmbd.continuum import NonlinearModel, follow, prescribed_dofs
-from flexmbd.forms import solid_enhanced, solid_shell, st_venant_kirchhoff
+from flexmbd.continuum import NonlinearModel, equilibrium_path, follow, prescribed_dofs
+from flexmbd.forms import neo_hookean, solid_enhanced, solid_shell, st_venant_kirchhoff
 
 LOADS = [0.5, 1.0, 2.0, 4.0, 6.0, 8.0, 10.0]
 
@@ -82,3 +85,24 @@ def test_the_prediction_of_a_homogeneous_step(form):
     assert forces[face].sum(axis=0) == pytest.approx((np.eye(3) + first + change) @ excess[:, 0], rel=1e-6)
     assert gained[0] - gained[1] == pytest.approx(np.trace(excess @ other.T @ other), rel=1e-6)
 
+
+
+@pytest.mark.parametrize("slenderness", [100.0, 1000.0])
+@pytest.mark.parametrize("load", [1e-4, 1e-7])
+def test_a_law_in_f_finds_its_place_under_loads_below_its_round_off(slenderness, load, monkeypatch):
+    """That of a law in E, which has no round-off of F; forces out of balance are those across the bar."""
+    monkeypatch.setattr(sys.modules[__name__], "LOADS", [load])
+    (path, moved), (_, exact) = (bent(slenderness, 10, form) for form in (neo_hookean, st_venant_kirchhoff))
+    assert path.cuts == 0
+    assert moved[2] == pytest.approx(exact[2], rel=1e-5)
+
+
+def test_a_path_of_a_law_in_f_begins_under_loads_below_its_round_off(monkeypatch):
+    def along(body, times, *, prescribed, load):
+        return equilibrium_path(body, fm.Continuation(to=times[-1]), prescribed=prescribed, load=load)
+
+    monkeypatch.setattr(sys.modules[__name__], "LOADS", [1e-7])
+    monkeypatch.setattr(sys.modules[__name__], "follow", along)
+    (path, moved), (_, exact) = (bent(1000.0, 10, form) for form in (neo_hookean, st_venant_kirchhoff))
+    assert path.factors[-1] == 1e-7
+    assert moved[2] == pytest.approx(exact[2], rel=1e-5)

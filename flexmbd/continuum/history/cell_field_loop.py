@@ -1,7 +1,7 @@
 """Fields of one cell in the compiled loop over cells: solved for by Newton's method with a kept inverse.
 
 What their equations lack gives a step of the fields, and the step a change of the cell's forces. Where the change is
-small, both are added, and the cell is done.
+small, both are added, and the cell is done. The inverse learns from its steps, as where the cell begins to flow.
 """
 
 from __future__ import annotations
@@ -16,12 +16,43 @@ from flexmbd.round_off import ROUND_OFF
 #: ten evaluations of a cell's forces.
 CELL_SWEEPS, CONTRACTION = 24, 0.1
 
+#: An inverse learns where the lack along the next step is such a part of that before, and is kept while steps fall to
+#: that one at least.
+LEARNS, SLOWEST = (-0.8, 0.95), 0.9
+
 #: A step of theirs is halved, so often at most, while the work that it does on what their equations lack does not fall
 #: to this part.
 HALVINGS, WORK_RATIO = 8, 0.8
 
 #: Smaller numbers have fewer digits.
 UNDERFLOW = 1e-290
+
+
+@kernel
+def _product(row, x):  # type: ignore[no-untyped-def]
+    """Product of a matrix's row with x; by four sums, for one would wait for itself."""
+    n = x.shape[0]
+    first, second, third, fourth = 0.0, 0.0, 0.0, 0.0
+    for j in range(0, n - 3, 4):
+        first += row[j] * x[j]
+        second += row[j + 1] * x[j + 1]
+        third += row[j + 2] * x[j + 2]
+        fourth += row[j + 3] * x[j + 3]
+    for j in range(n - n % 4, n):
+        first += row[j] * x[j]
+    return (first + second) + (third + fourth)
+
+
+@kernel
+def _solve(inverse, lack, step):  # type: ignore[no-untyped-def]
+    """The step that makes up for what is lacking, by an inverse that lies column by column."""
+    m = step.shape[0]
+    for i in range(m):
+        step[i] = 0.0
+    for k in range(m):
+        x = lack[k]
+        for i in range(m):
+            step[i] -= inverse[k, i] * x
 
 
 @kernel
@@ -40,15 +71,11 @@ def gather_whole(cell, blocks, width, fields, inner, room, predicts):  # type: i
     if follows:
         coupling, inverse = inner.coupling[cell], inner.inverse[cell]
         for k in range(m):
-            lack = 0.0
-            for j in range(n):
-                lack += coupling[n * k + j] * inner.moved[j]
-            inner.step[k] = lack
+            inner.lacks[0, k] = _product(coupling[k], inner.moved)
+        _solve(inverse, inner.lacks[0], inner.change)
     for i in range(m):
-        inner.change[i] = 0.0
-        if follows:
-            for k in range(m):
-                inner.change[i] -= inverse[m * i + k] * inner.step[k]
+        if not follows:
+            inner.change[i] = 0.0
         inner.values[cell, i] += inner.change[i]
         room.row[inner.places[i]] = inner.values[cell, i]
     for i in range(fields.state.shape[1]):
@@ -57,30 +84,62 @@ def gather_whole(cell, blocks, width, fields, inner, room, predicts):  # type: i
 
 @kernel
 def _newton_step(cell, inner):  # type: ignore[no-untyped-def]
-    """A step of the fields of a cell by what their equations lack, in ``inner.step``; what it moves in ``inner.moved``.
-
-    Returns:
-        The largest change of the forces of shared unknowns by it, and the largest of these.
-    """
-    n, m, force, change = inner.shared.shape[0], inner.places.shape[0], inner.force, inner.step
-    inverse, coupling = inner.inverse[cell], inner.coupling[cell]
-    for i in range(m):
-        step = 0.0
-        for k in range(m):
-            step -= inverse[m * i + k] * force[inner.places[k]]
-        change[i] = step
-    for j in range(n):
-        inner.moved[j] = 0.0
+    """A step of a cell's fields by what their equations lack, and what it moves: ``inner.step``, ``inner.moved``."""
+    n, m, coupling, moved = inner.shared.shape[0], inner.places.shape[0], inner.coupling[cell], inner.moved
     for k in range(m):
-        for j in range(n):
-            inner.moved[j] += coupling[n * k + j] * change[k]
-    moved, largest = 0.0, 0.0
+        inner.lacks[0, k] = inner.force[inner.places[k]]
+    _solve(inner.inverse[cell], inner.lacks[0], inner.step)
     for j in range(n):
+        moved[j] = 0.0
+    for k in range(m):
+        x = inner.step[k]
+        for j in range(n):
+            moved[j] += coupling[k, j] * x
+
+
+@kernel
+def _largest(inner):  # type: ignore[no-untyped-def]
+    """The largest change of the forces of shared unknowns by the step at hand, and the largest of these."""
+    moved, largest = 0.0, 0.0
+    for j in range(inner.shared.shape[0]):
         add = inner.moved[j]
         if not abs(add) <= moved:
             moved = abs(add)
-        largest = max(largest, abs(force[inner.shared[j]] + add))
+        largest = max(largest, abs(inner.force[inner.shared[j]] + add))
     return moved, largest
+
+
+@kernel
+def _learn(cell, inner):  # type: ignore[no-untyped-def]
+    """Let the inverse learn from what the whole step before did, and change the step at hand with it; whether it does.
+
+    With lack r before and r' after a step by the inverse G, the step at hand is s = -G r'. The least symmetric change
+    of G that knows of both adds s s^T / s.(r' - r), and the step becomes s s.r / s.(r - r') (the formula of rank one:
+    Broyden 1967, doi:10.1090/S0025-5718-1967-0224273-2). It needs neither a definite matrix nor like units.
+    """
+    m, n, step, inverse = inner.places.shape[0], inner.shared.shape[0], inner.step, inner.inverse[cell]
+    before, after = 0.0, 0.0
+    for i in range(m):
+        before += step[i] * inner.lacks[1, i]
+        after += step[i] * inner.lacks[0, i]
+    if before < 0.0:
+        before, after = -before, -after
+        sign = -1.0
+    else:
+        sign = 1.0
+    if not (LEARNS[0] * before < after < LEARNS[1] * before):
+        return False
+    head = sign / (after - before)
+    for k in range(m):
+        x = head * step[k]
+        for i in range(m):
+            inverse[k, i] += step[i] * x
+    share = before / (before - after)
+    for i in range(m):
+        step[i] *= share
+    for j in range(n):
+        inner.moved[j] *= share
+    return True
 
 
 @kernel
@@ -93,8 +152,8 @@ def _is_round_off(cell, room, inner):  # type: ignore[no-untyped-def]
         for k in range(m):
             summed = 0.0
             for j in range(n):
-                summed += abs(coupling[n * k + j] * room.row[inner.shared[j]])
-            size += abs(inverse[m * i + k]) * summed
+                summed += abs(coupling[k, j] * room.row[inner.shared[j]])
+            size += abs(inverse[k, i]) * summed
         if abs(inner.change[i]) > ROUND_OFF * size:
             return False
     return True
@@ -113,15 +172,15 @@ def _is_round_off_of_forces(cell, room, inner, moved, extent):  # type: ignore[n
     for k in range(m):
         summed[k] = 0.0
         for j in range(n):
-            summed[k] += abs(coupling[n * k + j]) * (abs(room.row[inner.shared[j]]) + extent)
+            summed[k] += abs(coupling[k, j]) * (abs(room.row[inner.shared[j]]) + extent)
     for j in range(n):
         largest[j] = 0.0
     for i in range(m):
         size = abs(inner.values[cell, i])
         for k in range(m):
-            size += abs(inverse[m * i + k]) * summed[k]
+            size += abs(inverse[k, i]) * summed[k]
         for j in range(n):
-            largest[j] += abs(coupling[n * i + j]) * size
+            largest[j] += abs(coupling[i, j]) * size
     most = 0.0
     for j in range(n):
         most = max(most, largest[j])
@@ -174,26 +233,31 @@ def change_fields(cell, room, inner, search, accuracy, extent):  # type: ignore[
     left = 0.0
     for i in range(m):
         left += inner.force[inner.places[i]] * inner.change[i]
-    moved, largest = _newton_step(cell, inner)
+    _newton_step(cell, inner)
+    moved, largest = _largest(inner)
     predicted, search[3] = search[3], 0.0
     if predicted != 0.0 and not moved < np.inf:
         # no prediction across a large rotation
         _take_back(cell, room, inner, 1.0)
         return 0
+    learns = search[1] != 0.0 and search[2] == 0.0 and _learn(cell, inner)
     lessened = abs(left) <= WORK_RATIO * abs(search[1]) or moved <= (1.0 - 0.25 * 0.5 ** search[2]) * search[0]
-    if search[1] != 0.0 and search[2] < HALVINGS and not lessened:
+    if search[1] != 0.0 and search[2] < HALVINGS and not learns and not lessened:
         # too far: at its end the step does no less work on what is lacking than at its begin, and the next one is no
         # smaller, which is what tells where strains and stresses make a saddle (Deuflhard's natural test)
         search[1], search[2] = 0.5 * search[1], search[2] + 1.0
         _take_back(cell, room, inner, 0.5)
         return 0
+    shrinks = moved <= (SLOWEST if learns else CONTRACTION) * search[0]
+    if learns:
+        moved, largest = _largest(inner)
     for i in range(m):
         inner.change[i] = inner.step[i]
+        inner.lacks[1, i] = inner.lacks[0, i]
     for j in range(n):
         inner.force[inner.shared[j]] += inner.moved[j]
     # forces that are no numbers are told by whoever sums them
     done = moved <= accuracy * largest + UNDERFLOW or not moved < np.inf or _is_round_off(cell, room, inner)
-    shrinks = moved <= CONTRACTION * search[0]
     if extent > 0.0 and not done and not shrinks:
         done = _is_round_off_of_forces(cell, room, inner, moved, extent)
     if not done and not shrinks:

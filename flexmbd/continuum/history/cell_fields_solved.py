@@ -58,8 +58,8 @@ class CellFieldsSolved:
             places=fields.cell_places.astype(np.int64),
             values=np.zeros((cells, m)),
             before=np.zeros_like(u.x.array),
-            inverse=np.zeros((cells, m * m)),
-            coupling=np.zeros((cells, m * n)),
+            inverse=np.zeros((cells, m, m)),
+            coupling=np.zeros((cells, m, n)),
             known=np.zeros(cells, dtype=np.int64),
             solved=np.ones(cells, dtype=np.int64),
             force=np.zeros(n + m),
@@ -67,6 +67,7 @@ class CellFieldsSolved:
             step=np.zeros(m),
             moved=np.zeros(n),
             search=np.zeros(4),
+            lacks=np.zeros((2, m)),
         )
 
     def compile_tangent(self, terms: Sequence[ufl.Form]) -> None:
@@ -83,10 +84,10 @@ class CellFieldsSolved:
         found = condense(self._tangent.of_cells(cells, self._values), self._fields)
         usable = cells[~found.singular]
         for kept, new in (
-            (self.unknowns.inverse, found.inverse),
+            (self.unknowns.inverse, found.inverse.transpose(0, 2, 1)),
             (self.unknowns.coupling, found.coupling.transpose(0, 2, 1)),
         ):
-            kept[usable] = new[~found.singular].reshape(len(usable), kept.shape[1])
+            kept[usable] = new[~found.singular]
         self.unknowns.known[usable] = 1
         return found
 
@@ -152,5 +153,5 @@ class CellFieldsSolved:
 def no_cell_fields() -> CellUnknowns:
     """As the compiled loop takes them where there are none."""
     none, numbers = np.zeros(0), np.zeros(0, dtype=np.int64)
-    return CellUnknowns(numbers, numbers, np.zeros((0, 0)), none, np.zeros((0, 0)), np.zeros((0, 0)), numbers, numbers,
-                        none, none, none, none, none)  # fmt: skip
+    return CellUnknowns(numbers, numbers, np.zeros((0, 0)), none, np.zeros((0, 0, 0)), np.zeros((0, 0, 0)), numbers,
+                        numbers, none, none, none, none, none, np.zeros((2, 0)))  # fmt: skip

@@ -109,8 +109,7 @@ class CellCompiler:
         """That of the equations of the local unknowns."""
         if equations is None:
             return None
-        (density,) = share_parts([self._at_points(equations, self._test_function(self._pointwise(equations)))])
-        return self._compiled(density, self._rule)
+        return self._compiled(self._at_points(equations, self._test_function(self._pointwise(equations))), self._rule)
 
     def step(
         self, work: Callable[[Any], Sequence[IntegralTerm]], update: ufl.core.expr.Expr | None
@@ -128,7 +127,7 @@ class CellCompiler:
         both = basix.ufl.mixed_element([displaced, self._pointwise(update)])
         v, w = ufl.split(self._test_function(both))
         densities = [density for density, rule in work(v) if self._is_of_history(rule)]
-        yield self._compiled(sum(share_parts([*densities, self._at_points(update, w)])), self._rule)
+        yield self._compiled(sum([*densities, self._at_points(update, w)]), self._rule)
 
     def _is_of_history(self, rule: Quadrature) -> bool:
         return (rule.degree, rule.scheme) == (self._rule.degree, self._rule.scheme)
@@ -146,7 +145,8 @@ class CellCompiler:
 
     def _compiled(self, density: ufl.core.expr.Expr, rule: Quadrature) -> CellKernel:
         metadata = quadrature.metadata(self._domain.topology.cell_name(), rule)
-        form = density * ufl.dx(domain=self._domain, metadata=metadata)
+        (shared,) = share_parts([density])
+        form = shared * ufl.dx(domain=self._domain, metadata=metadata)
         address, positions, module = compat.cell_kernel(self._domain.comm, form)
         symbols = list(form.constants())
         coefficients = form.coefficients()
@@ -159,8 +159,7 @@ class CellCompiler:
             return None
         cell = self._domain.topology.cell_name()
         of_cell = self._test_function(basix.ufl.element("DG", cell, 0, shape=(len(terms),)))
-        density = sum(share_parts([density * of_cell[i] for i, (density, _) in enumerate(terms)]))
-        return self._compiled(density, self._rule)
+        return self._compiled(sum(density * of_cell[i] for i, (density, _) in enumerate(terms)), self._rule)
 
     def tables(self, codes: Sequence[CellKernel | None], sizes: Sequence[int], *, weights: FloatArray) -> Kernels:
         """What the compiled loops are told of kernels.

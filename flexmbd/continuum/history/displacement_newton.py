@@ -15,12 +15,12 @@ from flexmbd.continuation.line_search import ShareTrial, by_work, searched
 from flexmbd.continuation.newton import Correction, newton
 from flexmbd.continuum.history.cell_pass import LocalEquationError
 from flexmbd.continuum.history.nonlinear_model import NonlinearModel
+from flexmbd.continuum.history.residual_noise import NoiseForces, ResidualNoise
 from flexmbd.continuum.history.tangent_solver import DEFAULT_SOLVER, LinearSolver, TangentSolver
 from flexmbd.continuum.history.trial_errors import InvertedCellError
 from flexmbd.continuum.matrices.blocks import inner
 from flexmbd.errors import ConvergenceError
 from flexmbd.given import checked
-from flexmbd.round_off import EPSILON
 
 FloatArray = NDArray[np.float64]
 
@@ -28,9 +28,10 @@ FloatArray = NDArray[np.float64]
 #: what says that there are no forces at a place.
 WORK_RATIO, TRIALS, NO_FORCES = 0.8, 6, (InvertedCellError, LocalEquationError)
 
-# Relative residual of linear systems with predicted stresses; units in the last place of rounded displacements.
-_ACCURATE, _LAST_PLACES = 1e-10, 4.0
+# Relative residual of linear systems with predicted stresses.
+_ACCURATE = 1e-10
 #: Relative residual above which no rounding of displacements excuses it: they have run away, as beyond a limit load.
+#: Of the body's displacement, as by energies: what a residual that is round-off of a law in F may still move it.
 UNBALANCED = 1e-5
 
 
@@ -45,7 +46,8 @@ class Convergence:
         max_iterations: it fails after so many.
         round_off: a residual below this that a step no longer halves is taken for round-off, and good; so is one
             below what rounding of the displacements makes of the tangent's diagonal, in slender bodies more, up to
-            1e-5.
+            1e-5; and one below what rounding of F = 1 + grad u makes of it, under small loads more than that, where
+            the next step would be less than 1e-5 of the displacement.
     """
 
     tolerance: float = 1e-9
@@ -116,6 +118,8 @@ class Newton:
         reuse_below: ratio of residuals above which a tangent is not used again.
         linear: solves the linear systems, keeping factors.
         predicts: whether stresses are unknowns of their own by now: tangents are to be taken with predicted ones.
+        noise: round-off of the forces on free dofs.
+        still: whether tangents are without inertia.
     """
 
     def __init__(
@@ -126,6 +130,7 @@ class Newton:
         solver: LinearSolver = DEFAULT_SOLVER,
         convergence: Convergence = DEFAULT_CONVERGENCE,
         predicts: bool = False,
+        still: bool = False,
     ) -> None:
         """Allocate.
 
@@ -135,6 +140,7 @@ class Newton:
             solver: of the linear systems.
             convergence: when to end.
             predicts: whether stresses become unknowns of their own (`stress_predictor`) once a step creeps.
+            still: whether tangents are the body's own, without inertia, so that they show the round-off of a law in F.
         """
         self.body, self.prescribed = body, np.asarray(prescribed, dtype=np.int32)
         self.reuse_below, self._forcing_term = solver.reuse_below, solver.forcing_term
@@ -143,6 +149,7 @@ class Newton:
         self.linear = TangentSolver(body, self.prescribed, solver)
         self._ghosted = body.vector()
         self.predicts, self._may_predict = False, predicts and body.predicts_stress
+        self.noise, self.still = ResidualNoise(body, self._free), still
 
     def solve(
         self,
@@ -284,18 +291,18 @@ class Newton:
             if self.predicts:
                 self.body.predict_stress(increment, increment + change)
             return increment + change, balance
-        before, tried = self._work(change, here.balance.residual), 1.0
+        before, tried = self.work(change, here.balance.residual), 1.0
 
         def trial(share: float) -> ShareTrial[Balance]:
             nonlocal tried
             tried = share
             balance = forces(increment + share * change)
-            left = self._work(change, balance.residual)
+            left = self.work(change, balance.residual)
             if self._may_predict and abs(left) > WORK_RATIO * abs(before):
                 self.predicts, self._may_predict = True, False
             if self.predicts:
                 excess = self.body.predict_stress(increment, increment + share * change)
-                left = self._work(change, balance.residual + excess)
+                left = self.work(change, balance.residual + excess)
             return by_work(balance, share, work=left, before=before, ratio=WORK_RATIO)
 
         best = searched(trial, most=TRIALS, fails=NO_FORCES)
@@ -303,16 +310,18 @@ class Newton:
             self.body.predict_stress(increment, increment + best.share * change)
         return increment + best.share * change, best.place
 
-    def noise(self, matrix: PETSc.Mat, increment: FloatArray) -> float:
-        """N, 2-norm of the forces that rounding of the displacements makes on free dofs. Collective."""
-        diagonal = matrix.getDiagonal()
-        n = self.body.n_owned
-        forces = diagonal.array_r * (self.body.displacement[:n] + increment[:n])
-        return _LAST_PLACES * EPSILON * self.free_norm(forces)
-
-    def _work(self, change: FloatArray, residual: FloatArray) -> float:
+    def work(self, change: FloatArray, residual: FloatArray) -> float:
+        """J, of a residual on a change of free dofs. Collective."""
         mine = change[self._free] @ residual[self._free]
         return float(self.body.comm.allreduce(mine))
+
+    def energy(self, matrix: PETSc.Mat, increment: FloatArray) -> float:
+        """J, twice that of an increment (local dofs including ghosts,) by a tangent. Collective."""
+        right, left = matrix.createVecRight(), matrix.createVecLeft()
+        right.array[:] = increment[: self.body.n_owned]
+        right.array[self.body.held_dofs] = 0.0  # of which a tangent has a diagonal alone
+        matrix.mult(right, left)
+        return abs(float(right.dot(left)))
 
     def free_norm(self, values: FloatArray) -> float:
         """2-norm on the dofs that are not prescribed. Collective."""
@@ -339,7 +348,8 @@ class _StepProblem:
         self.residuals: list[float] = []
         self._method, self._forces, self._tangent = method, forces, tangent
         self._constraints = self._open = constraints
-        self._noise_force = 0.0
+        self._noise = NoiseForces(0.0, 0.0)
+        self._energy = self._moves = 0.0  # of the increment by the tangent, and of the last correction
         self._left: FloatArray = np.zeros(0)
         self._matrix = PETSc.Mat()  # no handle before the first
 
@@ -355,7 +365,9 @@ class _StepProblem:
         method, rule, size, residuals = self._method, self._method.convergence, here.balance.size, self.residuals
         self._left = method.without_constraint_forces(here.balance.residual, self._constraints)
         residuals.append(method.free_norm(self._left) / size if size else 0.0)
-        noise = max(rule.round_off, min(self._noise_force / size, UNBALANCED) if size else 0.0)
+        noise = max(rule.round_off, min(self._noise.of_displacement / size, UNBALANCED) if size else 0.0)
+        if size and method.still and self._moves <= UNBALANCED**2 * self._energy:
+            noise = max(noise, self._noise.of_gradient / size)
         stalled = len(residuals) > 2 and 0.5 * residuals[-2] < residuals[-1] <= noise
         return (residuals[-1] <= rule.tolerance or stalled) and not self._jumps(here)
 
@@ -364,10 +376,12 @@ class _StepProblem:
         method, residuals, reused = self._method, self.residuals, True
         if len(residuals) < 3 or residuals[-1] > method.reuse_below * residuals[-2]:
             self._matrix, reused = self._tangent(here.increment), False
-            self._noise_force = method.noise(self._matrix, here.increment)
+            self._noise = method.noise.of(self._matrix, here.increment)
+            self._energy = method.energy(self._matrix, here.increment)
         change = method.direction(
             self._matrix, self._left, here.gap, residuals, reused=reused, constraints=self._open
         )
+        self._moves = abs(method.work(change, self._left))
         return Correction(change, residuals[-1])
 
     def moved(self, here: _TrialDisplacement, correction: Correction[FloatArray], *, close: bool) -> _TrialDisplacement:

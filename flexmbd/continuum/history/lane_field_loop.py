@@ -15,6 +15,7 @@ from flexmbd.continuum.history.lane_loop import (
     solve_points_of_lanes,
     tabulate_forces_of_lanes,
     take_block,
+    weigh_history,
 )
 from flexmbd.continuum.history.point_loop import CellUnknowns
 from flexmbd.multibody.kernels.base.compiling import entry_kernel, kernel
@@ -29,6 +30,7 @@ def _inner_of_lane(inner, room, lane):  # type: ignore[no-untyped-def]
     return CellUnknowns(
         inner.shared, inner.places, inner.values, inner.before, inner.inverse, inner.coupling, inner.known,
         inner.solved, room.force[lane], room.change[lane], room.step[lane], room.moved[lane], room.search[lane],
+        room.lacks[lane],
     )  # fmt: skip
 
 
@@ -84,14 +86,22 @@ def _solve_block(begin, fields, kernels, room, inner, sweeps, tolerance, accurac
         if not goes_on:
             return
         tabulate_forces_of_lanes(kernels, room, begin)
+        is_solved = False
         for lane in range(lanes):
             if room.found[lane] == _GOES_ON:
                 for i in range(size):
                     room.force[lane, i] = room.tensor[i, lane]
                 cell, own = room.cells[lane], _inner_of_lane(inner, room, lane)
                 room.found[lane] = change_fields(cell, of_lane(room, lane), own, own.search, accuracy, 0.0)
-                if room.found[lane] == _SOLVED and fields.trial.shape[1] > 0:
-                    keep_lane(room, lane, size, fields, kernels)
+                room.before[lane] = 1.0 if room.found[lane] == _SOLVED else 0.0
+                is_solved = is_solved or room.found[lane] == _SOLVED
+            else:
+                room.before[lane] = 0.0
+        if is_solved and fields.trial.shape[1] > 0:
+            weigh_history(room, size, fields, kernels)
+            for lane in range(lanes):
+                if room.before[lane] != 0.0:
+                    keep_lane(room, lane, size, fields)
 
 
 @entry_kernel

@@ -46,7 +46,8 @@ class LaneRoom(NamedTuple):
         one: what work at one cell needs besides.
         found: (lanes,) what has become of cells with fields of their own.
         values: (lanes, m) these fields before.
-        force: (lanes, n + m), change, step: (lanes, m), moved: (lanes, n), search: (lanes, 4), as in `CellUnknowns`.
+        force: (lanes, n + m), change, step: (lanes, m), moved: (lanes, n), search: (lanes, 4), lacks: (lanes, 2, m), as
+            in `CellUnknowns`.
     """
 
     cells: NDArray[np.int64]
@@ -64,6 +65,7 @@ class LaneRoom(NamedTuple):
     step: FloatArray
     moved: FloatArray
     search: FloatArray
+    lacks: FloatArray
 
 
 @kernel
@@ -202,18 +204,8 @@ def solve_points_of_lanes(kernels, room, fields, state, begin, sweeps, tolerance
 
 
 @kernel
-def keep_lane(room, lane, first, fields, kernels):  # type: ignore[no-untyped-def]
-    """Keep the history of one cell at the step's end, which stands in the tensor from ``first`` on."""
-    points = kernels.weights.shape[0]
-    each = fields.trial.shape[1] // points
-    for point in range(points):
-        for i in range(each * point, each * (point + 1)):
-            fields.trial[room.cells[lane], i] = room.tensor[first + i, lane] / kernels.weights[point]
-
-
-@kernel
-def _keep(room, count, first, fields, kernels):  # type: ignore[no-untyped-def]
-    """Keep the history at the step's end, which stands in the tensor from ``first`` on."""
+def weigh_history(room, first, fields, kernels):  # type: ignore[no-untyped-def]
+    """Make of integrals over the points, in the tensor from ``first`` on, the history at the step's end."""
     points = kernels.weights.shape[0]
     each = fields.trial.shape[1] // points
     for point in range(points):
@@ -221,12 +213,23 @@ def _keep(room, count, first, fields, kernels):  # type: ignore[no-untyped-def]
         for i in range(each * point, each * (point + 1)):
             for lane in range(room.tensor.shape[1]):
                 room.tensor[first + i, lane] /= weight
+
+
+@kernel
+def keep_lane(room, lane, first, fields):  # type: ignore[no-untyped-def]
+    """Keep the history of one cell at the step's end, which stands in the tensor from ``first`` on."""
+    cell = room.cells[lane]
+    for i in range(fields.trial.shape[1]):
+        fields.trial[cell, i] = room.tensor[first + i, lane]
+
+
+@kernel
+def _keep(room, count, first, fields, kernels):  # type: ignore[no-untyped-def]
+    """Keep the history of a block's cells."""
+    weigh_history(room, first, fields, kernels)
     for lane in range(count):
-        cell = room.cells[lane]
-        if room.before[lane] != 0.0:
-            continue
-        for i in range(each * points):
-            fields.trial[cell, i] = room.tensor[first + i, lane]
+        if room.before[lane] == 0.0:
+            keep_lane(room, lane, first, fields)
 
 
 @kernel

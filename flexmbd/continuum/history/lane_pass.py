@@ -263,6 +263,7 @@ def _lane_room(one: Room, inner: CellUnknowns, lanes: int, nodes: int) -> LaneRo
         step=np.zeros((lanes, len(inner.places))),
         moved=np.zeros((lanes, len(inner.moved))),
         search=np.zeros((lanes, 4)),
+        lacks=np.zeros((lanes, 2, len(inner.places))),
     )
 
 

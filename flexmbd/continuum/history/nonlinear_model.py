@@ -136,7 +136,8 @@ class NonlinearModel(TrialBody):
         parallel.refuse_vectors(self.comm, None, kind=FormulationError, values=values)
         return float(np.sqrt(self.comm.allreduce(values @ values)))
 
-    def force(self, increment: FloatArray, *, dt: float | None = None) -> FloatArray:
+    @checked("explicit", error=FormulationError, agree=parallel.told_to_all)
+    def force(self, increment: FloatArray, *, dt: float | None = None, explicit: bool = False) -> FloatArray:
         """Internal forces at a trial displacement. Collective.
 
         Formulations whose reference is the initial configuration get the whole displacement, `displacement` plus the
@@ -147,6 +148,7 @@ class NonlinearModel(TrialBody):
                 to; the ghosts' are their owners'.
             dt: s, length of the step; at 0 no time passes: nothing flows or relaxes, and there are no viscous
                 forces. None: of no matter, as where `needs_step` is false.
+            explicit: whether fields of one cell need be no more exact than explicit steps have them, as `step` does.
 
         Returns:
             (owned dofs,) N: the forces that hold the body in that shape.
@@ -158,7 +160,7 @@ class NonlinearModel(TrialBody):
         """
         self._refuse(dt, increment=increment)
         increment = self._completed(increment)
-        self._evaluate(increment, dt)
+        self._evaluate(increment, dt, explicit=explicit)
         if self.springs is not None:
             self.springs.add(self._sum.array, self.displacement + increment)
         force = self._summed()

@@ -74,8 +74,8 @@ class CellUnknowns(NamedTuple):
         places: (m,) those of the fields.
         values: (cells, m) of the fields, to begin with, and solved.
         before: (dofs,) shared unknown for which they were solved last.
-        inverse: (cells, m * m) of their part of a tangent.
-        coupling: (cells, m * n) derivatives of the shared unknowns' forces by the fields, field by field.
+        inverse: (cells, m, m) of their part of a tangent, column by column.
+        coupling: (cells, m, n) derivatives of the shared unknowns' forces by the fields, field by field.
         known: (cells,) whether there is such a tangent.
         solved: (cells,) whether they are solved for the trial.
         force: (n + m,) room for what a cell's terms make.
@@ -83,6 +83,7 @@ class CellUnknowns(NamedTuple):
         step: (m,) room for the next one.
         moved: (n,) room for what goes with it.
         search: (4,) room for what is remembered of Newton's last step.
+        lacks: (2, m) room for what their equations lack, and lacked before the last step.
     """
 
     shared: NDArray[np.int64]
@@ -98,6 +99,7 @@ class CellUnknowns(NamedTuple):
     step: FloatArray
     moved: FloatArray
     search: FloatArray
+    lacks: FloatArray
 
 
 class Room(NamedTuple):

@@ -3,6 +3,9 @@
 A form that is a sum of two expressions built apart, as of the forces and the history at a step's end, has equal parts
 that are different objects, and FFCx compares such parts again and again, all the way down: a logarithm of a tensor in
 both takes for ever.  Parts that are the same object cost nothing, and are computed once.
+
+A quotient becomes a product with the reciprocal, which is such a part: a processor divides ten times slower than it
+multiplies, and the inverse of a tensor alone would divide nine times by its determinant.
 """
 
 from __future__ import annotations
@@ -11,7 +14,7 @@ from collections.abc import Iterable, Sequence
 from typing import Any
 
 from ufl.algorithms import expand_derivatives
-from ufl.classes import MultiIndex, Variable
+from ufl.classes import Division, MultiIndex, ScalarValue, Variable
 from ufl.core.expr import Expr
 from ufl.core.multiindex import FixedIndex
 
@@ -48,9 +51,19 @@ def _one(node: Expr, operands: Sequence[Expr], known: dict[Any, Expr]) -> Expr:
     if isinstance(node, MultiIndex):
         return node
     if node._ufl_is_terminal_:
-        return known.setdefault(node, node)
+        return _known(node, known)
     if any(new is not old for new, old in zip(operands, node.ufl_operands, strict=True)):
         node = node._ufl_expr_reconstruct_(*operands)
+    if isinstance(node, Division) and not isinstance(node.ufl_operands[0], ScalarValue):
+        over, under = node.ufl_operands
+        node = over * _known(1 / under, known)
+    return _known(node, known)
+
+
+def _known(node: Expr, known: dict[Any, Expr]) -> Expr:
+    """The one object for an expression of such objects; itself where it has free indices."""
+    if node._ufl_is_terminal_:
+        return known.setdefault(node, node)
     return node if node.ufl_free_indices else known.setdefault(_key(node, {}), node)
 
 

@@ -198,6 +198,9 @@ class TangentSolver:
         self._stale = iterations > self._settings.max_iterations
         if ksp.getConvergedReason() < 0:
             self._stale = True
+            if not self._is_own and not self._uses_multigrid:  # an old factor is no help any more
+                self.set_operator(ksp.getOperators()[0])
+                return self.solve(load, tolerance)
             remedy = "take a smaller step" + (", or Preconditioner.FACTOR" if self._uses_multigrid else "")
             raise ConvergenceError(
                 f"the linear system of a Newton step was not solved ({iterations} iterations); {remedy}"

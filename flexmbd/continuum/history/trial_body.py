@@ -291,14 +291,14 @@ class TrialBody(DiscretisedBody):
         for history in self._histories:
             history.renew_constants()
 
-    def _evaluate(self, increment: FloatArray, dt: float | None) -> None:
+    def _evaluate(self, increment: FloatArray, dt: float | None, *, explicit: bool = False) -> None:
         """Evaluate all cells at a trial displacement. Collective."""
         self._set_trial(increment, self._length(dt))
         if self.conditions is not None:
             self.conditions.complete(self._u.x.array)
         with self.present_mesh():
-            self._run(increment)
-        self._evaluated = increment.copy()
+            self._run(increment, explicit=explicit)
+        self._evaluated = None if explicit else increment.copy()
 
     def _require(self, increment: FloatArray, dt: float | None) -> None:
         """Evaluate all cells unless they were just evaluated there. Collective."""

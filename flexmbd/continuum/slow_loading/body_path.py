@@ -223,7 +223,8 @@ def _first(
 ) -> Station[BodyPoint]:
     """The station where the body stands, in balance, from which the factor grows or falls."""
     body = loads.body
-    newton = Newton(body, loads.prescribed, solver=LinearSolver(0), convergence=convergence, predicts=True)
+    solver = LinearSolver(0)
+    newton = Newton(body, loads.prescribed, solver=solver, convergence=convergence, predicts=True, still=True)
     try:
         still: FloatArray = np.zeros(body.layout.n_local)
         least = space.load_size(still, begin)

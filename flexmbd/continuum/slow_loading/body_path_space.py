@@ -25,6 +25,7 @@ from flexmbd.continuation.request import looked_at
 from flexmbd.continuation.space import ALIKE, APART, LOAD_DIFFERENCE, PathDirection, unit
 from flexmbd.continuum.history.displacement_newton import UNBALANCED, Balance, Convergence
 from flexmbd.continuum.history.nonlinear_model import HistorySnapshot
+from flexmbd.continuum.history.residual_noise import NoiseForces, ResidualNoise
 from flexmbd.continuum.history.tangent_solver import LinearSolver, TangentSolver, is_symmetric
 from flexmbd.continuum.matrices.blocks import inner
 from flexmbd.continuum.slow_loading.body_point import BodyPoint, BodySpectrum
@@ -61,6 +62,7 @@ class BodyPathSpace:
         self.solver = TangentSolver(body, prescribed, LinearSolver(0), counts=True)
         self._free = np.setdiff1d(np.arange(body.n_owned), np.union1d(prescribed, body.held_dofs))
         self._ghosted = body.vector()
+        self._noises, self._noise = ResidualNoise(body, self._free), NoiseForces(0.0, 0.0)
         self._size, self._weights = motion_metric(body)
         self.typical, self._round_off = 1.0, 0.0
         self._factored: BodyPoint | None = None
@@ -148,13 +150,20 @@ class BodyPathSpace:
             increment = moved
             balance = self._balance(increment, factor)
             left = self._body.norm(balance.residual[self._free]) / balance.size if balance.size else 0.0
-            if left <= self._rule.tolerance or (close and left <= UNBALANCED):
+            if left <= self._rule.tolerance or (close and left <= self._round_off_at(balance, change, increment)):
                 self._body.check_increment(increment)
                 return self._point(before, increment, factor, iteration, balance)
             responses = self._responses(increment, factor, balance, predicted=self._predicts)
             return self._in_plane(responses, across, undetermined)
 
         return corrected(self, step, iterate, most=self._rule.max_iterations)
+
+    def _round_off_at(self, balance: Balance, change: PathDirection, increment: FloatArray) -> float:
+        """The relative residual that is round-off behind a close correction; more where that moves nothing."""
+        moved = (self._body.displacement + increment)[: self._body.n_owned]
+        whole, last = (self.largest(PathDirection(part, 0.0)) for part in (moved, change.xi))
+        least = self._noise.of_gradient / balance.size if last <= UNBALANCED * whole else 0.0
+        return max(UNBALANCED, least)
 
     def standing(self, factor: float) -> BodyPoint:
         """The point at which the body stands, in balance under a factor, and accepted."""
@@ -237,6 +246,7 @@ class BodyPathSpace:
         """(owned dofs, 2): the changes a and b of the module's text; the tangent is factorised anew."""
         prescribed = self._loads.prescribed
         matrix = self._loads.tangent(self._loads.outer(factor), increment, predicted=predicted)
+        self._noise = self._noises.of(matrix, increment)
         slope = self._given_slope(factor)
         right, left = matrix.createVecLeft(), matrix.createVecRight()
         left.array[:] = 0.0

@@ -147,7 +147,8 @@ def follow(
     """
     pace = _pace(body, seconds)
     whole = SlowLoads(body, prescribed, displacement, load, AppliedLoads(body, loads))
-    newton, path = Newton(body, prescribed, solver=solver, convergence=convergence, predicts=True), StaticPath()
+    newton = Newton(body, prescribed, solver=solver, convergence=convergence, predicts=True, still=True)
+    path = StaticPath()
     if not all(np.diff([reached, *times]) > 0.0):
         raise PathError(f"times must ascend from above {reached:g}, got {list(times)}", path)
     loading = _Loading(newton, whole, path, pace)

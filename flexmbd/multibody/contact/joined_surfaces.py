@@ -12,6 +12,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from flexmbd.errors import RangeWarning, warn
 from flexmbd.multibody.bodies.body import FlexibleBody
 from flexmbd.multibody.contact.elastic_surface import ElasticSurface, patches_table
 from flexmbd.multibody.contact.surface_contact import SurfaceContact
@@ -21,6 +22,8 @@ from flexmbd.multibody.kernels.elements.surface_groups import group_parts
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
+
+_MOST = 2**23  # numbers of scratch space, 64 MB
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,6 +98,28 @@ class JoinedSurfaces:
 
 
 def joined_surfaces(contacts: Sequence[SurfaceContact]) -> list[JoinedSurfaces]:
+    """The groups among contacts that give way together: those of ``connected_surfaces`` that are not too large."""
+    return [group for group in connected_surfaces(contacts) if group.scratch <= _MOST]
+
+
+def tell_parted_surfaces(contacts: Sequence[SurfaceContact]) -> None:
+    """Tell groups that are too large.
+
+    Warns:
+        RangeWarning: there is one; with a contact of it.
+    """
+    for group in connected_surfaces(contacts):
+        if group.scratch > _MOST:
+            warn(
+                f"{group.contacts[0].what}, and {len(group.contacts) - 1} more contacts of elastic surfaces of bodies "
+                "that touch each other, are too many to be solved together: what presses a body elsewhere its patches "
+                "feel through its modes alone; take larger patches, fewer pairs, or more modes",
+                RangeWarning,
+                subject=f"surfaces apart, of {group.contacts[0].what}",
+            )
+
+
+def connected_surfaces(contacts: Sequence[SurfaceContact]) -> list[JoinedSurfaces]:
     """The groups among contacts: those without friction whose bodies' patches others of them press too."""
     groups: list[tuple[list[SurfaceContact], set[int]]] = []
     for contact in contacts:

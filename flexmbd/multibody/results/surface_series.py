@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from flexmbd.errors import SceneError, StartWarning, warn
 from flexmbd.multibody.bodies.body import FlexibleBody
 from flexmbd.multibody.contact.elastic_surface import ElasticSurface
+from flexmbd.multibody.contact.joined_surfaces import tell_parted_surfaces
 from flexmbd.multibody.contact.surface_contact import SurfaceContact
 from flexmbd.multibody.kernels.base.arrays import new_work
 from flexmbd.multibody.kernels.base.lanes import padded_size
@@ -99,10 +100,12 @@ def tell_overlapping_surfaces(scene: CompiledScene, x: FloatArray, team: Team) -
 
     Warns:
         StartWarning: there is one; with the pair, how deep, and what to do.
+        RangeWarning: so many touch each other that they are not solved together.
     """
     if not (of_surfaces(scene.plan).any() and team.is_root):
         return
     contacts = [one for one in scene.index.forces if isinstance(one, SurfaceContact)]
+    tell_parted_surfaces(contacts)
     gap = np.zeros(len(contacts))
     at.surface_overlaps(scene.plan, new_work(scene.plan), x, np.zeros(scene.nv), gap)
     for one, least in zip(contacts, gap, strict=True):

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import itertools
+import warnings
+
 import numpy as np
 import pytest
 import scipy.optimize
@@ -11,6 +14,7 @@ from scipy.spatial.transform import Rotation
 
 import flexmbd as fm
 from flexmbd import contact
+from flexmbd.errors import RangeWarning
 
 DOWN = np.diag([1.0, -1.0, -1.0])
 
@@ -151,6 +155,23 @@ def test_joined_surfaces_keep_momenta_and_energy():
     for one in (momentum.linear, momentum.angular):
         assert np.abs(one - one[0]).max() < 1e-9
     assert np.abs(total / total[0] - 1.0).max() < 1e-7
+
+
+@pytest.mark.parametrize("count", [3, 40])
+def test_too_many_that_touch_each_other_are_told(count):
+    """Each with each: they are solved by pairs then."""
+    scene = fm.System()
+    surfaces = []
+    for k in range(count):
+        body, _ = flying(scene, patched_body(3, modes=1, patches=8), f"body {k}", (2.0 * k, 0.0, 0.0), (0.0, 0.0, 0.0))
+        surfaces.append(contact.ElasticSurface(body, shape=contact.Sphere(body.frame(), 0.3)))
+    for one, other in itertools.combinations(surfaces, 2):
+        scene.touch(one, other, contact.Hard())
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        scene.simulate(1e-9, rtol=1e-3, integrator=fm.ExplicitRungeKutta())
+    told = [str(one.message) for one in caught if issubclass(one.category, RangeWarning)]
+    assert any("too many to be solved together" in one for one in told) == (count == 40)
 
 
 @pytest.mark.filterwarnings("ignore::flexmbd.errors.StartWarning")

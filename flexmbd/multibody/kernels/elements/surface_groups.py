@@ -38,9 +38,9 @@ TABLE, FIRST_MODE, FIELDS, N_BODY = range(4)
 #: Vectors of the slots, in the order in which members have theirs: as in ``surface_layout``; then the member, its slot,
 #: the patch in its body's table; the normals in F's axes and in the body's own, (3,) each.
 GAP, FORCE, LEFT, INSIDE, ORDER, OWNER, SLOT, PATCH, NORMAL, OWN_NORMAL, N_VECTOR = *range(9), 11, 14
-#: Of a member R (9), force and torque on its body (3, 3); behind the last how many contacts bear, and how deep any may
-#: be pressed in (m).
-ROTATION, FORCED, TWISTED, N_KNOWN = 0, 9, 12, 15
+#: Of a member R (9), force and torque on its body (3, 3), how many of its contacts bear; behind the last how many bear
+#: at all, and how deep any may be pressed in (m).
+ROTATION, FORCED, TWISTED, OWN_BEARING, N_KNOWN = 0, 9, 12, 15, 16
 BEARING, DEEP = 0, 1
 #: Of a body what all forces move its patches by, and what one does.
 MOVED, TRIED, N_FIELD = 0, 3, 6
@@ -228,6 +228,24 @@ def press_contacts(plan, work, g, m):
                 along, own = sl.at3(vectors, NORMAL, a), sl.at3(vectors, OWN_NORMAL, a)
                 _move(plan, work, g, b, a, along, own, vectors[FORCE, a], MOVED)
     return count
+
+
+@kernel
+def count_bearing(plan, work, g, count):
+    """Write how many contacts of each member are among the first ``count`` of ORDER, which bear."""
+    vectors = matrix_view(work.generalized, of_group(plan, g, VECTORS), N_VECTOR, of_group(plan, g, N_SLOTS))
+    known = matrix_view(work.generalized, of_group(plan, g, MEMBERS), of_group(plan, g, N_MEMBERS) + 1, N_KNOWN)
+    for i in range(of_group(plan, g, N_MEMBERS)):
+        known[i, OWN_BEARING] = 0.0
+    for k in range(count):
+        known[int(vectors[OWNER, int(vectors[ORDER, k])]), OWN_BEARING] += 1.0
+
+
+@kernel
+def bears(plan, work, row):
+    """Whether a contact of a member bears whose group has been pressed."""
+    g, i = group_of(plan, row), number_in_group(plan, row)
+    return work.generalized[of_group(plan, g, MEMBERS) + N_KNOWN * i + OWN_BEARING] > 0.0
 
 
 @kernel

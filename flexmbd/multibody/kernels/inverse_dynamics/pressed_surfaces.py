@@ -58,19 +58,43 @@ def role(plan, row):
     g = sg.group_of(plan, row)
     if g < 0:
         return 0
-    count, first = 0, False
-    for e in range(plan.elements.shape[0]):
+    own = min(row[at.EL_NUMBER], plan.elements.shape[0] - 1)  # or before, of a plan that has but some of the rows
+    while plan.elements[own, at.EL_NUMBER] != row[at.EL_NUMBER]:
+        own -= 1
+    for e in range(own - 1, -1, -1):
         if is_of_group(plan, plan.elements[e], g):
-            first = first or (count == 0 and plan.elements[e, at.EL_NUMBER] == row[at.EL_NUMBER])
-            count += 1
-    if count == 1:
-        return 0
-    return 1 if first else 2
+            return 2
+    for e in range(own + 1, plan.elements.shape[0]):
+        if is_of_group(plan, plan.elements[e], g):
+            return 1
+    return 0
+
+
+#: What ``press_group`` returns where one member at most has patches that are near: ``press_patches`` does for each.
+APART = -2
+
+
+@kernel
+def _count_near(plan, work, g, x, deep):
+    """How many members have near patches."""
+    count = 0
+    for e in range(plan.elements.shape[0]):
+        row = plan.elements[e]
+        if is_of_group(plan, row, g):
+            d, R, _, _ = relative_rates(plan, work, row[at.EL_F], row[at.EL_G])
+            qx, _, n = modes_of(plan, row)
+            rx, _, k = other_modes_of(plan, row)
+            slots, _ = near_patches(plan, work, row, d, R, x[qx : qx + n], x[rx : rx + k], deep)
+            count += 1 if slots > 0 else 0
+    return count
 
 
 @deferred_kernel(INTEGER)
 def press_group(plan, work, g, x):
-    """Find the forces of all members at the configuration x, whose kinematics ``work`` has; how many bear, or -1."""
+    """Find the forces of all members at the configuration x, whose kinematics ``work`` has; how many bear.
+
+    -1 where there are none, which is a fault; or ``APART``.
+    """
     members, deep, m = sg.of_group(plan, g, sg.N_MEMBERS), 0.0, 0
     known = matrix_view(work.generalized, sg.of_group(plan, g, sg.MEMBERS), members + 1, sg.N_KNOWN)
     last = known[members]
@@ -88,17 +112,19 @@ def press_group(plan, work, g, x):
                 return -1
             deep = max(deep, -least)
     last[sg.DEEP] = deep
+    if not deep > 0.0 or _count_near(plan, work, g, x, deep) < 2:
+        return APART
     overlap = False
-    if deep > 0.0:
-        for e in range(plan.elements.shape[0]):
-            row = plan.elements[e]
-            if is_of_group(plan, row, g):
-                d, R, _, _ = relative_rates(plan, work, row[at.EL_F], row[at.EL_G])
-                slots, overlaps, _ = _gaps(plan, work, row, d, R, x, deep)
-                overlap = overlap or overlaps
-                m = sg.gather_contacts(plan, work, row, g, slots, m)
+    for e in range(plan.elements.shape[0]):
+        row = plan.elements[e]
+        if is_of_group(plan, row, g):
+            d, R, _, _ = relative_rates(plan, work, row[at.EL_F], row[at.EL_G])
+            slots, overlaps, _ = _gaps(plan, work, row, d, R, x, deep)
+            overlap = overlap or overlaps
+            m = sg.gather_contacts(plan, work, row, g, slots, m)
     count = sg.press_contacts(plan, work, g, m if overlap else 0)
     last[sg.BEARING] = count
+    sg.count_bearing(plan, work, g, count)
     return count
 
 

@@ -14,6 +14,7 @@ from flexmbd.multibody.kernels.elements.surface_friction import remember_patches
 from flexmbd.multibody.kernels.elements.surface_groups import group_of, stored_by_contacts
 from flexmbd.multibody.kernels.inverse_dynamics.closure import relative_rates
 from flexmbd.multibody.kernels.inverse_dynamics.pressed_surfaces import (
+    APART,
     is_of_group,
     member_forces,
     modes_of,
@@ -52,12 +53,16 @@ def _load(plan, work, row, motion, v, pressed, out):
 
 @deferred_kernel()
 def _load_group(plan, work, g, x, v, out):
-    press_group(plan, work, g, x)
+    apart = press_group(plan, work, g, x) == APART
     for e in range(plan.elements.shape[0]):
         row = plan.elements[e]
         if is_of_group(plan, row, g):
             motion = relative_rates(plan, work, row[at.EL_F], row[at.EL_G])
-            _load(plan, work, row, motion, v, member_forces(plan, work, row, motion[0], motion[1], x), out)
+            if apart:
+                pressed = _press(plan, work, row, motion[0], motion[1], x)
+            else:
+                pressed = member_forces(plan, work, row, motion[0], motion[1], x)
+            _load(plan, work, row, motion, v, pressed, out)
 
 
 @deferred_kernel()
@@ -74,20 +79,30 @@ def load_surface(plan, work, row, x, v, out):
         _load_group(plan, work, group_of(plan, row), x, v, out)
 
 
+@kernel
+def _stored_alone(plan, work, row, x):
+    qx, _, n = modes_of(plan, row)
+    rx, _, k = other_modes_of(plan, row)
+    d, R, _, _ = relative_rates(plan, work, row[at.EL_F], row[at.EL_G])
+    return surface_energy(plan, work, row, d, R, x[qx : qx + n], x[rx : rx + k])
+
+
 @deferred_kernel(NUMBER)
 def stored_by_surface(plan, work, row, x):
     """What a surface stores (J), or the first of a group for all."""
     part = role(plan, row)
     if part == 2:
         return 0.0
-    if part == 1:
-        g = group_of(plan, row)
-        count = press_group(plan, work, g, x)
+    if part == 0:
+        return _stored_alone(plan, work, row, x)
+    g, energy = group_of(plan, row), 0.0
+    count = press_group(plan, work, g, x)
+    if count != APART:
         return stored_by_contacts(plan, work, g, count) if count >= 0 else math.nan
-    qx, _, n = modes_of(plan, row)
-    rx, _, k = other_modes_of(plan, row)
-    d, R, _, _ = relative_rates(plan, work, row[at.EL_F], row[at.EL_G])
-    return surface_energy(plan, work, row, d, R, x[qx : qx + n], x[rx : rx + k])
+    for e in range(plan.elements.shape[0]):
+        if is_of_group(plan, plan.elements[e], g):
+            energy += _stored_alone(plan, work, plan.elements[e], x)
+    return energy
 
 
 @deferred_kernel()

@@ -18,6 +18,7 @@ from flexmbd.multibody.kernels.elements.surface_residual import clear_others, ow
 from flexmbd.multibody.kernels.elements.table import is_of_surface
 from flexmbd.multibody.kernels.inverse_dynamics.closure import relative_rates
 from flexmbd.multibody.kernels.inverse_dynamics.pressed_surfaces import (
+    APART,
     member_forces,
     modes_of,
     other_modes_of,
@@ -32,13 +33,12 @@ GAP, NORMAL, FORCE, POINT, N_PATCH = 0, 1, 4, 7, 10
 
 @kernel
 def _press(plan, work, row, d, R, x, q, q_other):
-    """On how many slots there are near patches, and how many touch."""
-    if role(plan, row) == 0:
+    """On how many slots there are near patches, how many touch, and whether they give way with those of others."""
+    if role(plan, row) == 0 or press_group(plan, work, group_of(plan, row), x) == APART:
         m, count, _ = press_patches(plan, work, row, d, R, q, q_other)
-        return m, count
-    press_group(plan, work, group_of(plan, row), x)
+        return m, count, False
     m, count, _ = member_forces(plan, work, row, d, R, x)
-    return m, count
+    return m, count, True
 
 
 @entry_kernel
@@ -58,12 +58,12 @@ def surface_series(plan, work, i, x, v, a, w, out, others_force):
     points = matrix_view(work.generalized, sl.points_place(p), padded(p), sl.N_POINT)
     others = matrix_view(work.generalized, sl.others_place(p, size), sl.N_OTHER, padded(size))
     weights = matrix_view(work.generalized, sl.weights_place(p), padded(p), padded(size))
-    group, in_group = group_of(plan, row), role(plan, row) > 0
+    group = group_of(plan, row)
     for k in range(x.shape[0]):
         forward_kinematics(plan, work, x[k], v[k], a[k])
         d, R, _, _ = relative_rates(plan, work, f, g)
         q, q_other = x[k, qx : qx + n], x[k, rx : rx + n_other]
-        m, count = _press(plan, work, row, d, R, x[k], q, q_other)
+        m, count, in_group = _press(plan, work, row, d, R, x[k], q, q_other)
         if count == 0 and not in_group:
             clear_others(others, sl.DENT)
         move_others(plan, work, row, q_other)

@@ -25,7 +25,13 @@ from flexmbd.multibody.kernels.elements.table import (
     subtract_force_tangent,
 )
 from flexmbd.multibody.kernels.inverse_dynamics.closure import coupling_term
-from flexmbd.multibody.kernels.inverse_dynamics.pressed_surfaces import is_of_group, modes_of, other_modes_of, role
+from flexmbd.multibody.kernels.inverse_dynamics.pressed_surfaces import (
+    APART,
+    is_of_group,
+    modes_of,
+    other_modes_of,
+    role,
+)
 from flexmbd.multibody.kernels.tangent import sparse_places as sp
 from flexmbd.multibody.kernels.tangent import tangent_layout as tl
 from flexmbd.multibody.kernels.tangent.body_moments import rigid_composite
@@ -273,19 +279,22 @@ def _add_surface(plan, work, tw, to, e, x, v, a, per_x, per_v, per_a, at_f, at_g
 @deferred_kernel()
 def _add_group(plan, work, tw, to, g, x, v, a, per_x, per_v, per_a, values):
     """Add the stiffness of all elastic surfaces of a group."""
-    if not stiffen_group(plan, work, g, x):
-        return
-    first, n = True, to.starts[2]
+    bearing, first, n = stiffen_group(plan, work, g, x), True, to.starts[2]
     for e in range(plan.elements.shape[0]):
         row = plan.elements[e]
         if is_of_group(plan, row, g):
             one, other = _own_block(plan, to, row[at.EL_F]), _own_block(plan, to, row[at.EL_G])
             at_f, at_g = block_view(values, one[0], one[1], n), block_view(values, other[0], other[1], n)
-            load_member_edges(plan, work, tw, row, x, v, a, per_x, per_v, per_a, at_f, at_g)
+            if bearing == APART:
+                _add_surface(plan, work, tw, to, e, x, v, a, per_x, per_v, per_a, at_f, at_g, values)
+            elif bearing > 0 and sg.bears(plan, work, row):
+                load_member_edges(plan, work, tw, row, x, v, a, per_x, per_v, per_a, at_f, at_g)
+    if bearing <= 0:
+        return
     put_surface_group(plan, work, tw, g, per_x)
     for e in range(plan.elements.shape[0]):
         row = plan.elements[e]
-        if not is_of_group(plan, row, g):
+        if not (is_of_group(plan, row, g) and sg.bears(plan, work, row)):
             continue
         count, moved = put_surface_member(plan, work, tw, row, per_x)
         _add_changes(tw, to, e, count, moved, values)

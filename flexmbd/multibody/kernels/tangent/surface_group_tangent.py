@@ -11,7 +11,7 @@ from flexmbd.multibody.kernels.algebra.so3 import add3, cross3, load3, rotate, s
 from flexmbd.multibody.kernels.base import plan_layout as at
 from flexmbd.multibody.kernels.base.block_view import matrix_view
 from flexmbd.multibody.kernels.base.compiling import kernel
-from flexmbd.multibody.kernels.base.deferred import FLAG, deferred_kernel
+from flexmbd.multibody.kernels.base.deferred import INTEGER, deferred_kernel
 from flexmbd.multibody.kernels.base.lanes import padded
 from flexmbd.multibody.kernels.elements import surface_groups as sg
 from flexmbd.multibody.kernels.elements import surface_layout as sl
@@ -47,8 +47,6 @@ def _add_member(plan, work, row, g, x, bearing):
     known = matrix_view(work.generalized, sg.of_group(plan, g, sg.MEMBERS), members + 1, sg.N_KNOWN)
     store3(known[sg.number_in_group(plan, row)], sg.FORCED, force)
     store3(known[sg.number_in_group(plan, row)], sg.TWISTED, torque)
-    if count <= 0:
-        return
     _, p, n = sl.table_of(plan, row)
     _, size, n_other = sl.other_of(plan, row)
     own, N = 6 + n + n_other, padded(sg.of_group(plan, g, sg.N_UNKNOWNS))
@@ -76,7 +74,7 @@ def _write_stiffness(plan, work, g, x, count):
     matrix_view(work.generalized, to, N, N)[:, :] = 0.0
     matrix_view(work.generalized, rows, count, N)[:, :] = 0.0
     for e in range(plan.elements.shape[0]):
-        if is_of_group(plan, plan.elements[e], g):
+        if is_of_group(plan, plan.elements[e], g) and sg.bears(plan, work, plan.elements[e]):
             _add_member(plan, work, plan.elements[e], g, x, count)
     sg.add_couples_by_forces(plan, work, g, count)
     sg.add_couples_by_turns(plan, work, g, count)
@@ -117,13 +115,13 @@ def modes_of_body(plan, g, b):
     return 0, 0
 
 
-@deferred_kernel(FLAG)
+@deferred_kernel(INTEGER)
 def stiffen_group(plan, work, g, x):
-    """Write K of a group, and what acts on its members; whether any bear."""
+    """Write K of a group, and what acts on its members; returns what ``press_group`` does."""
     count = press_group(plan, work, g, x)
     if count > 0:
         _write_stiffness(plan, work, g, x, count)
-    return count > 0
+    return count
 
 
 @deferred_kernel()
@@ -135,7 +133,7 @@ def put_surface_group(plan, work, tw, g, per_x):
     unknowns = sg.of_group(plan, g, sg.N_UNKNOWNS)
     tw.path_rates[: unknowns + 1, :] = 0.0
     for e in range(plan.elements.shape[0]):
-        if is_of_group(plan, plan.elements[e], g):
+        if is_of_group(plan, plan.elements[e], g) and sg.bears(plan, work, plan.elements[e]):
             _add_moved(plan, work, tw, plan.elements[e], g, per_x)
     K = matrix_view(work.generalized, sg.of_group(plan, g, sg.STIFFNESS), unknowns, padded(unknowns))
     for b in range(sg.of_group(plan, g, sg.N_BODIES)):

@@ -13,7 +13,13 @@ from flexmbd.multibody.kernels.elements import surface_layout as sl
 from flexmbd.multibody.kernels.elements.surface_forces import press_patches, sum_forces
 from flexmbd.multibody.kernels.elements.surface_stiffness import write_stiffness
 from flexmbd.multibody.kernels.elements.table import is_of_surface
-from flexmbd.multibody.kernels.inverse_dynamics.pressed_surfaces import is_of_group, modes_of, other_modes_of, role
+from flexmbd.multibody.kernels.inverse_dynamics.pressed_surfaces import (
+    APART,
+    is_of_group,
+    modes_of,
+    other_modes_of,
+    role,
+)
 from flexmbd.multibody.kernels.tangent.frame_pairs import (
     add_changes,
     clear_path,
@@ -130,16 +136,21 @@ def _add_surface(plan, work, tw, row, x, v, a, per_x, per_v, per_a, matrix):
 
 @deferred_kernel()
 def _add_group(plan, work, tw, g, x, v, a, per_x, per_v, per_a, matrix):
-    if not stiffen_group(plan, work, g, x):
+    count = stiffen_group(plan, work, g, x)
+    if count == APART:
+        for e in range(plan.elements.shape[0]):
+            if is_of_group(plan, plan.elements[e], g):
+                _add_surface(plan, work, tw, plan.elements[e], x, v, a, per_x, per_v, per_a, matrix)
+    if count <= 0:
         return
     for e in range(plan.elements.shape[0]):
-        if is_of_group(plan, plan.elements[e], g):
+        if is_of_group(plan, plan.elements[e], g) and sg.bears(plan, work, plan.elements[e]):
             load_member_edges(plan, work, tw, plan.elements[e], x, v, a, per_x, per_v, per_a, matrix, matrix)
     put_surface_group(plan, work, tw, g, per_x)
     first = True
     for e in range(plan.elements.shape[0]):
         row = plan.elements[e]
-        if not is_of_group(plan, row, g):
+        if not (is_of_group(plan, row, g) and sg.bears(plan, work, row)):
             continue
         count, moved = put_surface_member(plan, work, tw, row, per_x)
         add_changes(tw, count, moved, matrix)
