@@ -535,8 +535,8 @@ def test_joined_meshes_keep_groups_and_volumes():
     assert set(joined.facet_groups) == {f"{n}.{g}" for n in ("one", "two") for g in part.facet_groups}
     assert set(joined.cell_groups) == {"one.sheet", "two.sheet"}
     assert joined.in_pieces
-    low = joined.comm.allreduce(joined.mesh.geometry.x.min(axis=0), op=MPI.MIN)
-    high = joined.comm.allreduce(joined.mesh.geometry.x.max(axis=0), op=MPI.MAX)
+    low = np.min(joined.comm.allgather(joined.mesh.geometry.x.min(axis=0)), axis=0)
+    high = np.max(joined.comm.allgather(joined.mesh.geometry.x.max(axis=0)), axis=0)
     np.testing.assert_allclose(low, [0.0, -WIDTH / 2, -DEPTH / 2], atol=1e-15)
     np.testing.assert_allclose(high, [1.0 + WIDTH / 2, 2.0 + LENGTH, 3.0 + DEPTH / 2], rtol=1e-15)
     count = joined.comm.allreduce(len(joined.facets("two.top")))
