@@ -35,7 +35,7 @@ from flexmbd.forms._shared import Expr, Quadrature, Terms
 _FIELDS = 16  # constants of a cell: of shears, of shear stresses, of thickness stresses, of membrane strains; 4 each
 
 
-class _Part(NamedTuple):
+class _StrainPart(NamedTuple):
     """A part of the assumed strain: an amount times a tensor, in place of what the displacement's strain has of it.
 
     Attributes:
@@ -179,7 +179,7 @@ def _shear_vector(edge: Expr, over: Expr, size: list[Expr], a: int) -> Callable[
     return vector
 
 
-def _edge_parts(edge: Expr, over: Expr, size: list[Expr], place: Expr) -> Iterator[_Part]:
+def _edge_parts(edge: Expr, over: Expr, size: list[Expr], place: Expr) -> Iterator[_StrainPart]:
     """Transverse shear and thickness strain."""
     dual = ufl.inv(edge)
     for a in range(2):
@@ -188,9 +188,9 @@ def _edge_parts(edge: Expr, over: Expr, size: list[Expr], place: Expr) -> Iterat
         def shear(fields: _Fields, a: int = a, scale: Expr = scale, vector: Any = vector) -> Expr:
             return vector(fields) + scale * fields.shear[2 + a] * place[1 - a]
 
-        yield _Part(_pair(dual[a, :], dual[2, :]), shear, (edge[:, a], edge[:, 2]))
+        yield _StrainPart(_pair(dual[a, :], dual[2, :]), shear, (edge[:, a], edge[:, 2]))
     square = ufl.dot(edge[:, 2], edge[:, 2])
-    yield _Part(
+    yield _StrainPart(
         ufl.outer(dual[2, :], dual[2, :]), lambda fields: fields.thickness * square, (edge[:, 2], edge[:, 2])
     )
 
@@ -238,7 +238,7 @@ def _centre(domain: ufl.Mesh) -> tuple[Expr, Expr]:
     return centre, 2 * ufl.inv(centre) * (ufl.SpatialCoordinate(domain) - middle)
 
 
-def _membrane(place: Expr, over: Expr, size: list[Expr], stretch: Expr) -> list[_Part]:
+def _membrane(place: Expr, over: Expr, size: list[Expr], stretch: Expr) -> list[_StrainPart]:
     """The incompatible membrane strain; its mean over the cell is zero."""
     first, second = over[0, :], over[1, :]
 
@@ -246,7 +246,7 @@ def _membrane(place: Expr, over: Expr, size: list[Expr], stretch: Expr) -> list[
         return stretch * size[0] * size[1] * (fields.membrane[2] * place[0] + fields.membrane[3] * place[1])
 
     return [
-        _Part(ufl.outer(first, first), lambda f: stretch * size[0] ** 2 * place[0] * f.membrane[0], None),
-        _Part(_pair(first, second), shear, None),
-        _Part(ufl.outer(second, second), lambda f: stretch * size[1] ** 2 * place[1] * f.membrane[1], None),
+        _StrainPart(ufl.outer(first, first), lambda f: stretch * size[0] ** 2 * place[0] * f.membrane[0], None),
+        _StrainPart(_pair(first, second), shear, None),
+        _StrainPart(ufl.outer(second, second), lambda f: stretch * size[1] ** 2 * place[1] * f.membrane[1], None),
     ]

@@ -22,6 +22,7 @@ from flexmbd.meshes.deck_materials import DeckMaterial as DeckMaterial
 from flexmbd.meshes.deck_materials import materials as materials
 from flexmbd.meshes.frame import frame as frame
 from flexmbd.meshes.h5_file import write as write
+from flexmbd.meshes.join import join as join
 from flexmbd.meshes.line import line as line
 from flexmbd.meshes.mesh_file import read as read
 from flexmbd.meshes.place import InBox as InBox
@@ -29,6 +30,7 @@ from flexmbd.meshes.place import OnCylinder as OnCylinder
 from flexmbd.meshes.place import OnPlane as OnPlane
 from flexmbd.meshes.place import Place as Place
 from flexmbd.meshes.place import with_facet_groups as with_facet_groups
+from flexmbd.meshes.placed import placed as placed
 from flexmbd.meshes.plate import plate as plate
 from flexmbd.meshes.quality import MeshQuality as MeshQuality
 from flexmbd.meshes.quality import quality as quality

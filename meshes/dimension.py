@@ -21,7 +21,8 @@ _CELL = 100
 
 def _told_to_all(arguments: Mapping[str, Any], fault: str) -> str:
     """What is wrong on the lowest rank on which anything is; of a communicator that is none, here alone. Collective."""
-    part = arguments.get("part")
+    parts = arguments.get("parts")
+    part = next(iter(parts.values()), None) if isinstance(parts, Mapping) else arguments.get("part")
     comm = arguments.get("comm", MPI.COMM_WORLD if part is None else getattr(part, "comm", None))
     if not isinstance(comm, MPI.Comm) or comm == MPI.COMM_NULL:
         return fault or f"comm must be a communicator of MPI, as MPI.COMM_WORLD, got {comm!r:.100}"
@@ -30,7 +31,7 @@ def _told_to_all(arguments: Mapping[str, Any], fault: str) -> str:
 
 #: For functions that make meshes: what is neither a size nor a choice is of its annotation's type, on all ranks.
 checked_part = checked(
-    "part", "path", "points", "beams", "solid", "glue", "teeth", "fine", "pressure_angle", "backlash", "comm",
+    "part", "parts", "path", "points", "beams", "solid", "glue", "teeth", "fine", "pressure_angle", "backlash", "comm",
     error=MeshError, agree=_told_to_all,
 )  # fmt: skip
 

@@ -184,7 +184,7 @@ def with_places(
     tags = dolfinx.mesh.meshtags(mesh, dim, indices[order], values[order])
     return TaggedMesh(
         mesh, tags, {name: tag for tag, name in enumerate(every, start=1)}, part.cell_tags, part.cell_groups,
-        part.edge_groups, part.vertex_groups,
+        part.edge_groups, part.vertex_groups, part.in_pieces,
     )  # fmt: skip
 
 

@@ -59,9 +59,11 @@ from flexmbd.continuum.finite_elements.mass_moments import solid_of as solid_of
 from flexmbd.continuum.finite_elements.model import ContinuumModel as ContinuumModel
 from flexmbd.continuum.finite_elements.nodal_group import NodalGroup as NodalGroup
 from flexmbd.continuum.finite_elements.nodal_group import NodalInterface as NodalInterface
+from flexmbd.continuum.finite_elements.nodal_ties import NodalTies as NodalTies
 from flexmbd.continuum.finite_elements.nodes import node_numbers as node_numbers
 from flexmbd.continuum.finite_elements.surface_group import SurfaceGroup as SurfaceGroup
 from flexmbd.continuum.finite_elements.surface_group import Surfaces as Surfaces
+from flexmbd.continuum.finite_elements.weld import Weld as Weld
 from flexmbd.continuum.grid.mesh_division import Cut as Cut
 from flexmbd.continuum.grid.mesh_division import PieceSummary as PieceSummary
 from flexmbd.continuum.grid.mesh_division import Region as Region

@@ -31,7 +31,7 @@ from flexmbd.continuum.finite_elements.interface import RigidInterface
 from flexmbd.continuum.finite_elements.linear_model import LinearModel
 from flexmbd.continuum.finite_elements.prestressed import turning_stiffness
 from flexmbd.continuum.matrices.blocks import FloatArray, inner, multiply, symmetric
-from flexmbd.continuum.matrices.saddle_point import principal_part
+from flexmbd.continuum.matrices.saddle_point import fill_empty_rows, principal_part
 from flexmbd.errors import ConvergenceError, ReductionError
 from flexmbd.given import checked, numbers, refuse_no_truth
 from flexmbd.record.carrying_dofs import AT_REST
@@ -220,6 +220,8 @@ class _LoadedBody:
         shifted = model.K.copy()
         shifted.axpy(factor, self.stress, structure=PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
         part = principal_part(shifted, mask)
+        if model.ties is not None:
+            fill_empty_rows(part, model.tied_dofs[mask])
         try:
             inside = Factor(part, definite=False, limit=memory_limit(comm))
         finally:

@@ -197,6 +197,8 @@ def _provenance(
     if model.supports:
         texts = "; ".join(one.text for one in model.supports)
         provenance["supports"] = f"{texts}; mass and inertia are of the meshed part alone"
+    if model.ties is not None:
+        provenance["welds"] = f"{len(model.ties.numbers)} nodes follow facets"
     if model.conditions is not None and model.conditions.others:
         provenance["conditions"] = ", ".join(map(str, model.conditions.others))
     averaged = [one.name for one in model.interfaces if isinstance(one, AveragedInterface)]

@@ -200,7 +200,7 @@ def load_vectors(model: Discretisation, loads: Sequence[Load]) -> FloatArray:
             vector = fem.assemble_vector(fem.form(form))
             vector.scatter_reverse(la.InsertMode.add)
             forces[:, i] += vector.array[: model.layout.n_owned]
-    return forces
+    return forces if model.ties is None else model.ties.condense_dofs(forces)
 
 
 def rise_of(model: Discretisation, load: TemperatureRise) -> fem.Function:

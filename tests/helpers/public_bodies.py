@@ -174,6 +174,8 @@ BY_NAME: dict[str, dict[str, Callable[[Any], Any]]] = {
         "points": lambda w: _POINTS, "cells": lambda w: [(0, 1, 2, 3)], "degree": lambda w: 1,
         "facet_groups": lambda w: {"all": _everywhere},
     },
+    "meshes.join": {"parts": lambda w: {"one": mesh(), "two": mesh()}},
+    "meshes.placed": {"p": lambda w: (0.1, 0.0, 0.0), "R": lambda w: None},
     "meshes.from_step": {
         "path": lambda w: step_file(), "tags": lambda w: {}, "h": lambda w: 0.1, "comm": lambda w: ALONE,
     },
@@ -226,6 +228,7 @@ BY_NAME: dict[str, dict[str, Callable[[Any], Any]]] = {
     "reduction.PrestressedModel.tangent": {"u": lambda w: np.zeros(len(model().M.getVecs()[0].array))},
     "reduction.PrestressedModel.stress_field": {"body": lambda w: body(), "q": lambda w: np.zeros(body().n_modes)},
     "reduction.PrestressedModel.show": {"path": lambda w: "a.png"},
+    "continuum.Weld": {"nodes": lambda w: "x_min", "facets": lambda w: "x_max"},
     "continuum.ContinuumModel": {"parameters": lambda w: STEEL, "interfaces": lambda w: interfaces()},
     "continuum.ContinuumModel.interface": {"name": lambda w: "x_min"},
     "continuum.LinearModel.interface": {"name": lambda w: "x_min"},

@@ -33,7 +33,10 @@ CALLED_BY_THE_MACHINE = (
     "continuum.RigidPlane.", "continuum.SurfaceGroup.", "continuum.MpiTeam.", "continuum.DofLayout.",
     "continuum.CellFields.", "continuum.CellGroup.", "continuum.CondensedStiffness.", "continuum.FieldConditions.",
     "continuum.ContinuumModel.unknown_columns", "continuum.LinearModel.unknown_columns",
-    "continuum.NonlinearModel.refuse_surface_energy",
+    "continuum.NonlinearModel.refuse_surface_energy", "continuum.NodalTies.",
+    *(f"{model}.{name}" for name in ("complete", "condense", "tied", "with_slopes") for model in (
+        "continuum.NonlinearModel", "continuum.LinearModel", "continuum.ContinuumModel", "reduction.PrestressedModel",
+    )),
     "continuum.NonlinearModel.set_temperature", "continuum.NonlinearModel.set_voltages", "continuum.PortStates.",
     "Event.value", "Event.passes", "Checkpoint.of",
     "ExactBeam.resultants", "RunSettings.method",
@@ -65,8 +68,8 @@ MADE_BY_FLEXMBD = {
     "continuum.UniformShift", "continuum.CellGroup", "continuum.CheckResult", "continuum.Cut", "continuum.CutMesh",
     "continuum.DiscreteForms", "continuum.DofLayout", "continuum.EnergyAccount", "continuum.Equilibrium",
     "continuum.ExplicitOperator", "continuum.FormReport", "continuum.HeldSurface", "continuum.HistorySnapshot",
-    "continuum.LinearModel", "continuum.NodalGroup", "continuum.OptionalEntries", "continuum.PieceSummary",
-    "continuum.PointStep", "continuum.PortStates",
+    "continuum.LinearModel", "continuum.NodalGroup", "continuum.NodalTies", "continuum.OptionalEntries",
+    "continuum.PieceSummary", "continuum.PointStep", "continuum.PortStates",
     "continuum.StaticPath", "continuum.SurfaceGroup", "continuum.TaggedMesh",
 }  # fmt: skip
 

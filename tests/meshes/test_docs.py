@@ -49,7 +49,7 @@ def test_the_code_runs(shared_path, monkeypatch, capsys):
             gmsh.write("part.msh")
     COMM.barrier()
     blocks = re.findall(r"```python\n(.*?)```", TEXT, re.DOTALL)
-    assert len(blocks) == 6
+    assert len(blocks) == 7
     for block in blocks:
         names = {"meshes": meshes}
         if "COMM_SELF" in block:  # on one process, as it says; then on all
@@ -88,6 +88,7 @@ OTHERS = ("read", "write", "from_step", "step_faces", "from_arrays", "materials"
 
 def test_every_function_is_there():
     made = {name for name, one in vars(meshes).items() if inspect.isfunction(one) and name[0] != "_"}
-    beside = {"quarter_ring", "round_bar", "crash_tube", "frame", "spur_gear", "wall"}  # told beside the table
+    # told beside the table
+    beside = {"quarter_ring", "round_bar", "crash_tube", "frame", "join", "placed", "spur_gear", "wall"}
     assert {row[0] for row in rows()} | set(OTHERS) | beside == made
     assert all(f"`{name}" in TEXT or f"meshes.{name}(" in TEXT for name in made)

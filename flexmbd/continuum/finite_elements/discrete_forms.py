@@ -21,6 +21,7 @@ from flexmbd.continuum.contract.formulation import Formulation
 from flexmbd.continuum.finite_elements.cell_group import CellGroup, Pairs, Source, pair_cells
 from flexmbd.continuum.finite_elements.interface import FoundInterface, Interface, find_interfaces
 from flexmbd.continuum.finite_elements.layered_cells import tell_layers
+from flexmbd.continuum.finite_elements.nodal_ties import NodalTies
 from flexmbd.continuum.finite_elements.surface_group import SurfaceGroup, Surfaces, check_mass, pair_facets
 from flexmbd.continuum.grid.tagged_mesh import TaggedMesh
 from flexmbd.errors import FormulationError, InterfaceError, MeshError
@@ -43,6 +44,7 @@ class DiscreteForms:
         surfaces: facet groups with springs or mass.
         fields: of one cell, which are condensed there and are no part of `space`; None: there are none.
         whole: the space of the formulations' own unknown where there are such fields; else `space`.
+        ties: of nodes that follow others, as of welds; None: there are none.
     """
 
     mesh: TaggedMesh
@@ -54,6 +56,7 @@ class DiscreteForms:
     surfaces: tuple[SurfaceGroup, ...]
     fields: CellFields | None
     whole: fem.FunctionSpace
+    ties: NodalTies | None = None
 
     @property
     def comm(self) -> MPI.Comm:
@@ -153,6 +156,31 @@ class DiscretisedBody:
     def n_owned(self) -> int:
         """Number of dofs this rank owns, which stand before its ghosts."""
         return self.layout.n_owned
+
+    @property
+    def ties(self) -> NodalTies | None:
+        """Of nodes that follow others, as of welds; None: there are none."""
+        return self.forms.ties
+
+    def complete(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Give what follows among dofs (owned, or local ones with ghosts, ...) its values. Collective with ties.
+
+        Returns:
+            The same array, which is changed; so of the methods below.
+        """
+        return values if self.ties is None else self.ties.complete_dofs(values)
+
+    def complete_nodes(self, nodal: NDArray[np.float64]) -> NDArray[np.float64]:
+        """As `complete`, of nodes (owned, or local ones with ghosts, ...). Collective with ties."""
+        return nodal if self.ties is None else self.ties.complete(nodal)
+
+    def condense(self, forces: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Hand forces (owned dofs, ...) on what follows on to what leads. Collective with ties."""
+        return forces if self.ties is None else self.ties.condense_dofs(forces)
+
+    def condense_nodes(self, forces: NDArray[np.float64]) -> NDArray[np.float64]:
+        """As `condense`, of nodes (owned nodes, ...). Collective with ties."""
+        return forces if self.ties is None else self.ties.condense(forces)
 
     @property
     def displacement_dofs(self) -> NDArray[np.int32]:

@@ -10,6 +10,7 @@ from dolfinx import fem
 
 from flexmbd.continuum.contract.dof_layout import DofLayout
 from flexmbd.continuum.finite_elements.cell_group import CellGroup
+from flexmbd.continuum.finite_elements.nodal_ties import NodalTies
 from flexmbd.continuum.finite_elements.surface_group import SurfaceGroup
 from flexmbd.continuum.grid.tagged_mesh import TaggedMesh
 
@@ -37,6 +38,10 @@ class Discretisation(Protocol):
     @property
     def layout(self) -> DofLayout:
         """The layout of the displacement and the other parts of the unknown."""
+
+    @property
+    def ties(self) -> NodalTies | None:
+        """Of nodes that follow others."""
 
     @property
     def comm(self) -> MPI.Comm:

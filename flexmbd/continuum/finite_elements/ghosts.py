@@ -12,10 +12,13 @@ from flexmbd.continuum.matrices.blocks import FloatArray
 def with_ghosts(model: LinearModel, block: FloatArray) -> FloatArray:
     """A block (owned dofs, k) with the rows of this rank's ghosts below its own. Collective.
 
-    Of unknowns of a body; what follows others by conditions of the model is written in (`FieldConditions.completed`).
+    Of unknowns of a body; what follows others is written in, by conditions of the model (`FieldConditions.completed`)
+    or by ties.
     """
     if model.conditions is not None:
         block = model.conditions.completed(model.comm, block, first=int(model.K.getOwnershipRange()[0]))
+    if model.ties is not None:
+        block = model.complete(block.copy(order="F"))
     field = fem.Function(model.space)
     whole = np.empty((len(field.x.array), block.shape[1]), order="F")
     for i in range(block.shape[1]):

@@ -230,7 +230,26 @@ class LinearModel(PicturedModel):
             raise FormulationError(f"u must have shape ({self.n_owned},), that of the owned dofs, got {np.shape(u)}")
         at.x.array[: self.n_owned] = u
         at.x.scatter_forward()
-        return assembly.assemble({"tangent stiffness": forms}, self.groups, self.space)[0]
+        return self.tied(assembly.assemble({"tangent stiffness": forms}, self.groups, self.space)[0])
+
+    @cached_property
+    def tied_dofs(self) -> NDArray[np.bool_]:
+        """(owned dofs,) whether a dof follows others by ties."""
+        follows = np.zeros(self.n_owned, dtype=bool)
+        if self.ties is not None:
+            follows[self.ties.dofs] = True
+        return follows
+
+    def tied(self, matrix: PETSc.Mat) -> PETSc.Mat:
+        """A matrix over all dofs with the layout of `K`, as ties make of it; it is destroyed where it is another.
+
+        Collective.
+        """
+        if self.ties is None:
+            return matrix
+        found = self.ties.condensed(matrix, keeps_diagonal=False)
+        matrix.destroy()
+        return found
 
     @checked(error=RecordError, agree=parallel.told_to_all)
     def stress_field(

@@ -31,6 +31,7 @@ from flexmbd.given import checked
 def lumped_mass(model: Discretisation) -> FloatArray:
     """The diagonal of the lumped mass matrix. Collective, may compile.
 
+    What follows others has handed its mass on to these, by its weights: the mass and its first moments are kept.
     Each component of the unknown is lumped by itself, with the density that the kinetic energy gives
     it: the displacement's mass, and the inertia of rotations about the mesh's axes.
 
@@ -41,8 +42,25 @@ def lumped_mass(model: Discretisation) -> FloatArray:
 
     Raises:
         FormulationError: on all ranks: an unknown with inertia is not one of continuous Lagrange
-            elements, or has a density that is not positive.
+            elements, or has a density that is not positive; a node on the far side of a weld has no mass left.
     """
+    lumped = own_lumped_mass(model)
+    if model.ties is None:
+        return lumped
+    model.ties.condense_dofs(lumped)
+    free = np.setdiff1d(model.layout.displacement_dofs[: model.layout.n_owned_nodes], model.ties.dofs)
+    error = None
+    if not (lumped[free] > 0.0).all():
+        error = FormulationError(
+            "the mass cannot be lumped: nodes that are welded far off the facets that they follow take more mass from "
+            "the other side of these than is there; weld the other side's nodes instead, or bring the parts together"
+        )
+    parallel.raise_collectively(model.comm, error)
+    return lumped
+
+
+def own_lumped_mass(model: Discretisation) -> FloatArray:
+    """As `lumped_mass`, with what follows others as if it did not. Collective, may compile."""
     total = fem.Function(model.space).x
     error: FormulationError | None = None
     for group in model.groups:

@@ -19,14 +19,15 @@ from flexmbd.continuum.finite_elements.discrete_forms import discretise
 from flexmbd.continuum.finite_elements.elastic_sums import elastic_sums, tell_units
 from flexmbd.continuum.finite_elements.electrode import Condition
 from flexmbd.continuum.finite_elements.field_conditions import find_conditions
-from flexmbd.continuum.finite_elements.held_surface import SurfaceSupport, find_supports
+from flexmbd.continuum.finite_elements.held_surface import SurfaceSupport, find_supports, held_dofs
 from flexmbd.continuum.finite_elements.interface import Interface
 from flexmbd.continuum.finite_elements.linear_model import LinearModel
 from flexmbd.continuum.finite_elements.nodal_group import NodalInterface
 from flexmbd.continuum.finite_elements.nodal_interface import find_nodal_groups
 from flexmbd.continuum.finite_elements.surface_group import Surfaces, surface_kinetic_energy, surface_work
+from flexmbd.continuum.finite_elements.weld import Weld, with_welds
 from flexmbd.continuum.grid.tagged_mesh import TaggedMesh
-from flexmbd.errors import FormulationError
+from flexmbd.errors import FormulationError, MeshError
 from flexmbd.given import checked, is_list
 
 
@@ -46,6 +47,7 @@ class ContinuumModel(LinearModel):
         supports: Sequence[SurfaceSupport] = (),
         condense: bool = True,
         conditions: Sequence[Condition] = (),
+        welds: Sequence[Weld] = (),
     ) -> None:
         """Check everything, then assemble. Collective over the mesh's communicator.
 
@@ -63,6 +65,7 @@ class ContinuumModel(LinearModel):
                 the body. What is reduced is the same but for round-off.
             conditions: electrodes, of a formulation whose `gauge` names a potential. Where none of them fixes it, the
                 potential is zero in the mean.
+            welds: nodes that follow facets, of solids of displacements alone.
 
         Raises:
             FormulationError: a form file breaks its contract, or does not fit its parameters, the
@@ -74,7 +77,8 @@ class ContinuumModel(LinearModel):
                 (`find_nodal_groups`), or the ranks were given different ones.
             MeshError: `mesh` is not a `TaggedMesh`; with several pairs, cells in no group or in two; `surfaces` on
                 facets that the surface has not; supports that are not well formed; electrodes that touch, that are
-                given twice, or on groups that the mesh has not.
+                given twice, or on groups that the mesh has not; as `with_welds`, or a support that holds one side of a
+                weld alone.
         """
         framed: Any = interfaces
         nodes: list[NodalInterface] = []
@@ -89,13 +93,18 @@ class ContinuumModel(LinearModel):
                 f"{forms.form_name} moves in its plane alone, and what is reduced moves in space: take "
                 "forms.plane_stress, or make it a NonlinearModel"
             )
+        forms = with_welds(forms, welds)
         held = find_supports(supports, mesh=mesh, layout=forms.layout)
+        if forms.ties is not None:
+            of_supports = held_dofs(held, layout=forms.layout)
+            forms.ties.refuse_held(of_supports.reshape(-1, 3), by="supports", kind=MeshError)
         nodal = find_nodal_groups(
             nodes,
             mesh=mesh,
             layout=forms.layout,
             frames=forms.interfaces,
             supports=held,
+            ties=forms.ties,
         )
         if parameters is None:
             parameters = {group.name: group.parameters for group in forms.groups}
@@ -115,6 +124,11 @@ class ContinuumModel(LinearModel):
             (mass,) = assembly.assemble(integrals, forms.groups, forms.space)
         if not forms.surfaces:
             tell_units(elastic_sums(mesh, forms.layout, stiffness, mass), mesh.comm.rank)
+        if forms.ties is not None:
+            alone = stiffness, mass
+            stiffness, mass = (forms.ties.condensed(matrix, keeps_diagonal=False) for matrix in alone)
+            for matrix in alone:
+                matrix.destroy()
         stiffness, found = find_conditions(conditions, stiffness, forms)
         super().__init__(
             forms,
@@ -131,7 +145,7 @@ class ContinuumModel(LinearModel):
         )
         self._given: dict[str, Any] = {
             "degree": degree, "interfaces": interfaces, "surfaces": surfaces, "supports": supports, "condense": False,
-            "conditions": conditions,
+            "conditions": conditions, "welds": welds,
         }  # fmt: skip
         self._formulation = formulation
 

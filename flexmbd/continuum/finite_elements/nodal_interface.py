@@ -20,6 +20,7 @@ from flexmbd.continuum.finite_elements.held_surface import HeldSurface
 from flexmbd.continuum.finite_elements.interface import AveragedInterface, FoundInterface
 from flexmbd.continuum.finite_elements.linear_model import LinearModel
 from flexmbd.continuum.finite_elements.nodal_group import NodalGroup, NodalInterface
+from flexmbd.continuum.finite_elements.nodal_ties import NodalTies
 from flexmbd.continuum.finite_elements.nodes import node_numbers
 from flexmbd.continuum.grid.tagged_mesh import TaggedMesh
 from flexmbd.errors import InterfaceError
@@ -51,6 +52,7 @@ def find_nodal_groups(
     layout: DofLayout,
     frames: Sequence[FoundInterface],
     supports: Sequence[HeldSurface],
+    ties: NodalTies | None = None,
 ) -> tuple[NodalGroup, ...]:
     """Find the nodes of nodal interfaces. Collective.
 
@@ -60,6 +62,7 @@ def find_nodal_groups(
         layout: of the unknown.
         frames: the interfaces with frames.
         supports: of the part.
+        ties: of the part, whose followers keep no dofs.
 
     Raises:
         InterfaceError: on all ranks: ranks that were given different ones; an unknown group, an empty one or one given
@@ -83,6 +86,8 @@ def find_nodal_groups(
     found: list[NodalGroup] = []
     for interface in interfaces:
         taken = [(one.name, one.nodes) for one in (*frames, *found)] + [(one.text, one.nodes) for one in supports]
+        if ties is not None:
+            taken.append(("the following side of a weld", ties.followers.astype(np.int32)))
         found.append(_find(interface, taken, mesh=mesh, layout=layout))
     return tuple(found)
 

@@ -56,7 +56,7 @@ def check_connected(mesh: dolfinx.mesh.Mesh) -> None:
     raise MeshError(
         f"the mesh falls into {found.count} pieces that share no facet: {', '.join(places)}{more}; "
         "join them (in gmsh: fuse the volumes, or fragment them so that they share surfaces and "
-        "nodes), or make each a part of its own"
+        "nodes), make each a mesh of its own and weld them (meshes.join), or make each a part of its own"
     )
 
 

@@ -56,6 +56,7 @@ class TaggedMesh:
         edge_groups: of a solid, by name the edges (n,) that this rank holds, as `edges` gives them;
             the names are the same on all ranks, and an edge may be in several groups.
         vertex_groups: of a solid or a shell, by name the vertices, likewise.
+        in_pieces: whether it may fall into pieces that share no facet, which welds of a model join (`meshes.join`).
     """
 
     mesh: dolfinx.mesh.Mesh
@@ -65,6 +66,7 @@ class TaggedMesh:
     cell_groups: Mapping[str, int] = field(default_factory=dict)
     edge_groups: Mapping[str, Indices] = field(default_factory=dict)
     vertex_groups: Mapping[str, Indices] = field(default_factory=dict)
+    in_pieces: bool = False
 
     __repr__ = brief
 
@@ -185,12 +187,13 @@ class TaggedMesh:
         return parallel.on_root(comm, digest.hexdigest)
 
 
-def spread(comm: MPI.Comm, share: MeshInput) -> TaggedMesh:
+def spread(comm: MPI.Comm, share: MeshInput, *, in_pieces: bool = False) -> TaggedMesh:
     """Spread an input over the ranks, and check the mesh. Collective.
 
     Args:
         comm: the communicator of the mesh.
         share: what this rank holds of the input; where rank 0 holds all, from `from_root`.
+        in_pieces: whether it may fall into pieces that share no facet.
 
     Raises:
         MeshError: on all ranks; cells are inverted or flat, the mesh falls into pieces, or a group
@@ -198,7 +201,8 @@ def spread(comm: MPI.Comm, share: MeshInput) -> TaggedMesh:
     """
     mesh = create_mesh(comm, share)
     check_cells(mesh, numbers=share.cell_numbers)
-    check_connected(mesh)
+    if not in_pieces:
+        check_connected(mesh)
     return TaggedMesh(
         mesh,
         tag_facets(mesh, share),
@@ -207,6 +211,7 @@ def spread(comm: MPI.Comm, share: MeshInput) -> TaggedMesh:
         share.cell_groups,
         {n: locate_group(mesh, 1, rows, name=n) for n, rows in share.edge_groups.items()},
         {n: locate_group(mesh, 0, rows, name=n) for n, rows in share.vertex_groups.items()},
+        in_pieces,
     )
 
 

@@ -151,7 +151,7 @@ class AppliedLoads:
                 force -= values[k] * _times(self._centrifugal[k], x[: self._n] - np.asarray(load.point))
             elif is_following(load):
                 force += values[k] * self._summed(load, places)
-        return force
+        return self._body.condense_nodes(force)
 
     def forces(self, values: FloatArray, x: FloatArray, R: FloatArray) -> FloatArray:
         """(owned nodes, 3) N, of all loads; arguments as of `dead` and `following`. Collective."""
@@ -203,7 +203,7 @@ class AppliedLoads:
         if isinstance(load, BodyAcceleration):
             return self._mass[:, None] * np.asarray(load.acceleration)
         if isinstance(load, ForceAtNodes):
-            return self._at_nodes(load)
+            return self._body.condense_nodes(self._at_nodes(load))
         return self._summed(load, self._body.layout.node_x)
 
     def _rise(self, load: Heating) -> fem.Function:
@@ -275,7 +275,7 @@ class AppliedLoads:
         total.array[:] = 0.0
         np.add.at(total.array.reshape(-1, 3), patch.nodes, part)
         total.scatter_reverse(la.InsertMode.add)
-        return np.asarray(total.array.reshape(-1, 3)[: self._n].copy())
+        return self._body.condense_nodes(total.array.reshape(-1, 3)[: self._n].copy())
 
     def _vector(self) -> la.Vector:
         """A vector of nodal values, (local nodes including ghosts * 3,)."""
@@ -322,12 +322,13 @@ class TrialLoads:
 
     def subtract_slopes(self, matrix: PETSc.Mat, increment: FloatArray) -> PETSc.Mat:
         """The matrix less the derivative of ``force`` by the displacement; it is changed. Collective."""
-        if self.loads.any_follow:
-            self.loads.add_slopes(matrix, self.values, self._places(increment))
-        return matrix
+        if not self.loads.any_follow:
+            return matrix
+        places = self._places(increment)
+        return self.body.with_slopes(matrix, lambda alone: self.loads.add_slopes(alone, self.values, places))
 
     def _places(self, increment: FloatArray) -> FloatArray:
-        return np.asarray(self.body.node_x + self.body.layout.displacements(increment))
+        return self.body.complete_nodes(self.body.node_x + self.body.layout.displacements(increment))
 
 
 def beside(t: float, side: int) -> float:
@@ -363,7 +364,7 @@ def _mass_times(body: NonlinearModel, S: FloatArray) -> PETSc.Mat:
             f"{body.form_name} has unknowns besides the displacement, with which no CentrifugalLoad is taken; let the "
             "body turn in a machine"
         )
-    mass = body.mass()
+    mass = body.own_mass()
     blocks = PETSc.Mat().createAIJ(mass.getSizes(), nnz=3, comm=body.comm)
     first, end = blocks.getOwnershipRange()
     for row in range(first, end, 3):

@@ -251,7 +251,7 @@ class Newton:
             step -= self._constraint_correction(step[:, None], self._responses, constraints)[:, 0]
         self._ghosted.array[: self.body.n_owned] = step
         self._ghosted.scatter_forward()
-        return self._ghosted.array.copy()
+        return self.body.complete(self._ghosted.array.copy())
 
     def _constraint_correction(
         self, steps: FloatArray, responses: FloatArray, constraints: LinearConstraints
@@ -319,6 +319,7 @@ class Newton:
         """J, twice that of an increment (local dofs including ghosts,) by a tangent. Collective."""
         right, left = matrix.createVecRight(), matrix.createVecLeft()
         right.array[:] = increment[: self.body.n_owned]
+        right.array[self.body.held_dofs] = 0.0  # of which a tangent has a diagonal alone
         matrix.mult(right, left)
         return abs(float(right.dot(left)))
 

@@ -5,7 +5,7 @@ Its axes and configurations are those of `trial_body`.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import cached_property
 from typing import Any
 
@@ -26,6 +26,7 @@ from flexmbd.continuum.finite_elements.electrode import Condition
 from flexmbd.continuum.finite_elements.interface import Interface
 from flexmbd.continuum.finite_elements.surface_group import Surfaces, surface_kinetic_energy
 from flexmbd.continuum.finite_elements.temperature import at_nodes, set_at_nodes
+from flexmbd.continuum.finite_elements.weld import Weld, with_welds
 from flexmbd.continuum.grid.tagged_mesh import TaggedMesh
 from flexmbd.continuum.history.damage_bands import DamageBands
 from flexmbd.continuum.history.history_snapshot import HistorySnapshot as HistorySnapshot
@@ -73,6 +74,7 @@ class NonlinearModel(TrialBody):
         heated: bool = False,
         threads: int = 1,
         conditions: Sequence[Condition] = (),
+        welds: Sequence[Weld] = (),
     ) -> None:
         """Check everything, then compile. Collective over the mesh's communicator.
 
@@ -94,6 +96,7 @@ class NonlinearModel(TrialBody):
             threads: among which each rank shares the cells of large bodies; results are the same for any number.
             conditions: electrodes, of a formulation whose `gauge` names a potential; loads give their voltages
                 (`Voltage`). Where none of them fixes it, the potential is zero at one node.
+            welds: nodes that follow facets, of solids of displacements alone.
 
         Raises:
             FormulationError: `threads` is no number of threads; a form file breaks its contract, or does not fit its
@@ -102,7 +105,7 @@ class NonlinearModel(TrialBody):
                 expansions that are all zero.
             InterfaceError: an interface cannot carry a frame, or the ranks were given different ones.
             MeshError: `mesh` is not a `TaggedMesh`; with several pairs, cells in no group or in two; `surfaces` on
-                facets that the surface has not.
+                facets that the surface has not; as `with_welds`.
         """
         check_threads(threads)
         forms = discretise(
@@ -115,8 +118,10 @@ class NonlinearModel(TrialBody):
             with_history=True,
             condense=condense,
         )
+        forms = with_welds(forms, welds)
         means = degree == 1 if cell_means is None else cell_means
         super().__init__(forms, means=means, heated=heated, threads=threads, conditions=conditions)
+        self._alone, self._tied = PETSc.Mat(), PETSc.Mat()  # the last tangent, without ties and with; no handles yet
         self._bands: DamageBands | None = None
         if self.layout.has_further and mesh.dim == 3:
             self._bands = DamageBands(self.layout, lambda unknown: self.force(unknown, dt=0.0))
@@ -154,6 +159,7 @@ class NonlinearModel(TrialBody):
                 names one), or the equations at a point have no solution.
         """
         self._refuse(dt, increment=increment)
+        increment = self._completed(increment)
         self._evaluate(increment, dt, explicit=explicit)
         if self.springs is not None:
             self.springs.add(self._sum.array, self.displacement + increment)
@@ -179,7 +185,7 @@ class NonlinearModel(TrialBody):
             (owned dofs,) N, forces of the difference between predicted and present stresses.
         """
         self._refuse(before=before, after=after)
-        return self._predictor.predict(before, after)
+        return self.condense(self._predictor.predict(self._completed(before), self._completed(after)))
 
     @cached_property
     def _predictor(self) -> StressPredictor:
@@ -207,6 +213,7 @@ class NonlinearModel(TrialBody):
             FormulationError: as `force`.
         """
         self._refuse(dt, increment=increment)
+        increment = self._completed(increment)
         self._require(increment, dt)
         with self.present_mesh():
             matrix = self._tangent.assemble(self._predictor.tangent_forms if predicted else ())
@@ -214,7 +221,30 @@ class NonlinearModel(TrialBody):
             springs = self.springs.tangent(self.displacement + increment)
             matrix.axpy(1.0, springs, PETSc.Mat.Structure.SUBSET_NONZERO_PATTERN)
             springs.destroy()
+        if self.ties is not None:
+            self._alone, into = matrix, self._tied if self._tied.handle else None
+            self._tied = matrix = self.ties.condensed(matrix, keeps_diagonal=True, into=into)
         return matrix if self.conditions is None else self.conditions.constrain(matrix)
+
+    def with_slopes(self, matrix: PETSc.Mat, add: Callable[[PETSc.Mat], object]) -> PETSc.Mat:
+        """The last tangent with further derivatives of forces by displacements, as of loads that follow. Collective.
+
+        Args:
+            matrix: what `tangent` returned last, which is changed.
+            add: adds them to a matrix of the tangent's pattern, over all dofs, as if there were no ties.
+        """
+        if self.ties is None:
+            add(matrix)
+            return matrix
+        alone = self._alone.duplicate()
+        alone.zeroEntries()
+        add(alone)
+        alone.assemble()
+        tied = self.ties.condensed(alone, keeps_diagonal=False)
+        matrix.axpy(1.0, tied, PETSc.Mat.Structure.SUBSET_NONZERO_PATTERN)
+        for item in (alone, tied):
+            item.destroy()
+        return matrix
 
     def unloading_tangent(self) -> PETSc.Mat:
         """The elastic tangent at the last accepted step, at which all points unload. Collective.
@@ -239,7 +269,19 @@ class NonlinearModel(TrialBody):
             self._renew_constants()
 
     def mass(self) -> PETSc.Mat:
-        """The consistent mass matrix of the undeformed body, kg, a new one. Collective, may compile."""
+        """The consistent mass matrix of the undeformed body, kg, a new one; none at what follows by ties. Collective.
+
+        May compile.
+        """
+        alone = self.own_mass()
+        if self.ties is None:
+            return alone
+        tied = self.ties.condensed(alone, keeps_diagonal=False)
+        alone.destroy()
+        return tied
+
+    def own_mass(self) -> PETSc.Mat:
+        """As `mass`, as if there were no ties. Collective, may compile."""
         zero = fem.Function(self.space)
         kinetic = [*assembly.kinetic_energy(self.groups, zero), *surface_kinetic_energy(self.surfaces, zero)]
         momentum = [ufl.derivative(term, zero, ufl.TestFunction(self.space)) for term in kinetic]
@@ -258,6 +300,7 @@ class NonlinearModel(TrialBody):
             ConvergenceError: on all ranks: a history is not finite; nothing is accepted.
         """
         self._refuse(dt, increment=increment)
+        increment = self._completed(increment)
         self._require(increment, dt)
         finite = all(history.trial_is_finite for history in self._histories)
         if not self.comm.allreduce(finite, op=MPI.LAND):
@@ -283,6 +326,7 @@ class NonlinearModel(TrialBody):
             ConvergenceError: as `force` and `commit`; nothing is accepted.
         """
         self._refuse(dt, increment=increment)
+        increment = self._completed(increment)
         self._set_trial(increment, self._length(dt))
         if self.conditions is not None:
             self.conditions.complete(self._u.x.array)
@@ -391,7 +435,7 @@ class NonlinearModel(TrialBody):
             LargeIncrementError: on all ranks: names the cell by its place in the mesh file and its centre.
         """
         self._refuse(increment=increment)
-        self._set_trial(increment, 0.0)
+        self._set_trial(self._completed(increment), 0.0)
         with self.present_mesh():
             ratio, where = find_large_increment(self._histories)
         refuse_large_increment(self.mesh, where, ratio=ratio)

@@ -146,7 +146,9 @@ class TrialBody(DiscretisedBody):
 
     @cached_property
     def held_dofs(self) -> NDArray[np.int32]:
-        """Owned dofs whose displacement is zero at any time: those of a plane body out of its plane."""
+        """Owned dofs that are not solved for: those of a plane body out of its plane, and what follows by ties."""
+        if self.ties is not None:
+            return self.ties.dofs
         if self.plane_axis is None:
             return np.zeros(0, dtype=np.int32)
         return np.sort(self.displacement_dofs[: self.layout.n_owned_nodes, self.plane_axis])
@@ -280,6 +282,10 @@ class TrialBody(DiscretisedBody):
             )
         return 0.0 if dt is None else dt
 
+    def _completed(self, increment: FloatArray) -> FloatArray:
+        """(local dofs including ghosts,) m, with what follows by ties; a copy where there are some. Collective."""
+        return increment if self.ties is None else self.complete(increment.copy())
+
     def _renew_constants(self) -> None:
         self._evaluated = None
         for history in self._histories:
@@ -327,7 +333,7 @@ class TrialBody(DiscretisedBody):
         force: FloatArray = self._sum.array[: self.n_owned].copy()
         if self.conditions is not None:
             self.conditions.condense(force)
-        return force
+        return self.condense(force)
 
     def _accept(self, increment: FloatArray) -> None:
         """Make history and configuration those at the step's end."""

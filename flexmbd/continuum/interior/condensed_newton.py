@@ -390,7 +390,7 @@ class _Corrected:
         equations, touched = trial.equations, None
         if equations.contacts.touches:
             touched = equations.touched(equations.motion(increment)[0])
-            touched = touched.moved(equations.axes.to_inertial(change))
+            touched = touched.moved(part.body.complete_nodes(equations.axes.to_inertial(change.copy())))
         couples = part.bonds.turns.wrenches(residual, trial.motion.R, equations.axes.R)
         inertial = equations.axes.to_inertial(residual)
         return cls(part, trial, part.with_ghosts(increment, change), inertial, couples, touched)

@@ -80,6 +80,7 @@ class CondensedPart:
         gap = places - layout.displacements(increment)[bonds.nodes]
         increment[layout.displacement_dofs[self._held]] = places[~bonds.averaged]
         increment[bonds.turns.dofs] = self._turned(trial)
+        self.body.complete(increment)
         return increment, self.frames.averages.constraints(motion, axes.R, displacement=gap)
 
     def _turned(self, trial: BodyTrial) -> FloatArray:
@@ -112,7 +113,7 @@ class CondensedPart:
         vector = self._vector
         vector.array[: self.body.n_owned] = increment[: self.body.n_owned] + change
         vector.scatter_forward()
-        return np.asarray(vector.array.copy())
+        return self.body.complete(vector.array.copy())
 
     def without_constraint_forces(self, residual: FloatArray, constraints: LinearConstraints | None) -> FloatArray:
         """The residual on the nodes that no frame holds, less the forces that keep the constraints. Collective."""

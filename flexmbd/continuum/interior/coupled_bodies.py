@@ -323,12 +323,17 @@ def touch_between(facing: FacingSurface, nodes: NodalSolution, facets: NodalSolu
     """The contact of one body's nodes with another one's facets. Collective.
 
     Raises:
-        SceneError: on all ranks: the bodies are on other ranks, or are solved by multigrid; facets have nodes beside
+        SceneError: on all ranks: the bodies are on other ranks, have welds, or are solved by multigrid; facets have nodes beside
             their corners, or are the edges of a plane body.
     """
     what = f"contact {facing.name!r}"
     check_facets(facets.body, facing.facets, what=what)
     check_same_ranks(nodes.body, facets.body, what=what)
+    if any(one.body.ties is not None for one in (nodes, facets)):
+        raise SceneError(
+            f"{what}: bodies with welds touch each other in explicit steps alone; take ExplicitContinuum for both, or "
+            "mesh what is welded in one"
+        )
     if any(one.solver.preconditioner is not Preconditioner.FACTOR for one in (nodes, facets)):
         raise SceneError(
             f"{what}: bodies that touch each other in implicit steps have one factor, which multigrid does not make; "

@@ -198,6 +198,8 @@ class ExplicitContinuum:
         nodes, v, a = self.motion, self.motion.v.copy(), self.motion.a.copy()
         own = self._bonds.own
         v[self._nodes], a[self._nodes] = self._bonds.velocities(motion)[own], self._bonds.accelerations(motion)[own]
+        for rates in (v, a):
+            self._body.complete_nodes(rates)
         pose, nodal = self._bonds.pose(motion), (nodes.x, v, a)
         return self._observer.fields(pose, nodes.mesh.R, nodal=nodal, pushed=nodes.contacts.pushed())
 

@@ -217,7 +217,7 @@ class Condensation:
         nodes, n, (per_x, per_v) = bonds.nodes, body.layout.n_owned_nodes, slopes
         internal = residual - self.product(apparent_acceleration) + dead_load
         if touched is not None:
-            internal = internal + touched.at_nodes(touched.force, n)
+            internal = internal + self._on_nodes(touched, touched.force)
         nodal_forces = self.nodal_forces(residual, apparent_acceleration[nodes[~bonds.averaged]])
         own_columns = 6 * len(bonds.frames)
         columns = range(6 * len(motion.p))
@@ -234,7 +234,7 @@ class Condensation:
                 relative[j] -= carried[j]
                 turned[j] = _crossed(turn, internal)
                 if touched is not None:  # what touches goes by the whole motion
-                    turned[j] -= touched.at_nodes(touched.changes(carried[j, touched.nodes]), n)
+                    turned[j] -= self._on_nodes(touched, touched.changes(carried[j, touched.nodes]))
             accelerations[j] = (-1.0 / per_x) * relative[j]
             accelerations[j, nodes[own]] += da[own]
             # the forces that keep the averages turn with their frame
@@ -242,7 +242,7 @@ class Condensation:
             constraint_forces[j, nodes[mine]] = _crossed(turn, nodal_forces[mine])
         if touched is not None:
             for j in columns[own_columns:]:
-                turned[j] = -touched.at_nodes(touched.by_frame(*divmod(j - own_columns, 6)), n)
+                turned[j] = -self._on_nodes(touched, touched.by_frame(*divmod(j - own_columns, 6)))
         given = self._given(relative @ R, moves, motion, R)
         left = multiply(tangent, given)
         left += multiply(self.mass, self._accelerated(accelerations @ R, given, moves, R, per_x))
@@ -278,7 +278,7 @@ class Condensation:
             if self.turning is not None and step is not None:
                 wrench += self.turning.couple_change(j // 6, step[2], motion, per_x, per_v)
             derivative[:own_columns, j] = wrench.reshape(-1)
-        relative = found.relative + moved
+        relative = self._completed(found.relative + moved)
         if touched is not None:
             derivative[own_columns:] = self._on_shapes(touched, found.carried + relative, own_columns)
         if bonds.turns.any:
@@ -288,6 +288,14 @@ class Condensation:
         wrenches = bonds.wrenches(nodal_forces, arms) + couples + self.frame_couples(motion)
         fields = found.carried + relative
         return FrameResponse(self.with_shapes(wrenches, touched), derivative, fields, in_axes, nodal_forces)
+
+    def _on_nodes(self, touched: TouchedNodes, forces: FloatArray) -> FloatArray:
+        """(owned nodes, 3) N, of forces (n, 3) N on nodes that touch. Collective with ties."""
+        return self.body.condense_nodes(touched.at_nodes(forces, self.body.layout.n_owned_nodes))
+
+    def _completed(self, fields: FloatArray) -> FloatArray:
+        """Fields (k, owned nodes, 3) with what follows by ties; they are changed. Collective with ties."""
+        return fields if self.body.ties is None else np.stack([self.body.complete_nodes(field) for field in fields])
 
     def frame_couples(self, motion: FrameMotion) -> FloatArray:
         """(k, 6) moments on the frames of the rotary inertia of nodes that the machine's frames have already."""

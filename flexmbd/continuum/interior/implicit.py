@@ -432,7 +432,7 @@ class ImplicitContinuum:
         """As `_start_accelerations`, of the body as it is deformed and touches. Collective."""
         axes = self._nodes.axes(motion)
         internal = self.body.force(np.zeros(self.body.layout.n_local), dt=0.0)
-        acting = self._loads.now + self._contacts.nodal() + self._among.nodal()
+        acting = self._loads.now + self.body.condense_nodes(self._contacts.nodal()) + self._among.nodal()
         return self._start_accelerations(motion, axes.to_inertial(internal) - acting, internal)
 
     def _start_accelerations(self, motion: FrameMotion, internal: FloatArray, unknowns: FloatArray) -> FloatArray:

@@ -117,7 +117,7 @@ class NodalContacts:
         Returns:
             (owned nodes, 3) m/s^2, the accelerations a (owned nodes, 3) and those by contact.
         """
-        inertia, m = self._inertia, self._inertia.weights[:, None]
+        inertia, m, alone = self._inertia, self._inertia.touching[:, None], a
         self.met, self.rubbed = np.zeros((2, *x.shape))
         self._pushes = []
         for k, (plane, stiffness) in enumerate(zip(self.planes, self._stiffness, strict=True)):
@@ -130,13 +130,15 @@ class NodalContacts:
             nodes, on = pushed.nodes, self._masses[pushed.nodes, None]
             self._add(nodes, on * pushed.met, on * pushed.rubbed)
             shape.take(x[nodes], on * pushed.met, on * pushed.rubbed)
-            alone = np.zeros_like(a)
-            alone[nodes] = inertia.held(pushed.met + pushed.rubbed, nodes)
-            a = a + inertia.answered(alone)
+            answer = np.zeros_like(a)
+            answer[nodes] = inertia.held(pushed.met + pushed.rubbed, nodes)
+            a = a + inertia.answered(answer)
         for pair, side in self.pairs:
             met, rubbed = pair.take(side)
             self._add(slice(None), met, rubbed)
             a = a + inertia.answered(inertia.held((met + rubbed) / self._masses[:, None]))
+        if self._body.ties is not None and (self.planes or self.shapes.contacts or self.pairs):
+            a = inertia.passed_on(alone, self.met + self.rubbed)
         return a
 
     def pushed(self) -> PushedNodes | None:

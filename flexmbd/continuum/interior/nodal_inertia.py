@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from flexmbd.continuum.finite_elements.lumping import lumped_mass
+from flexmbd.continuum.finite_elements.lumping import lumped_mass, own_lumped_mass
 from flexmbd.continuum.history.nonlinear_model import NonlinearModel
 from flexmbd.continuum.interior.further_unknowns import refuse_inertia_of_further_unknowns
 from flexmbd.continuum.interior.plane_motion import PlaneMotion
@@ -47,8 +47,10 @@ class NodalInertia:
     """Masses of the owned nodes of a body, and the components along which they are held.
 
     Attributes:
-        masses: (owned nodes,) kg.
-        weights: (owned nodes,) kg, the same but for zero at nodes that somebody else moves.
+        masses: (owned nodes,) kg; of nodes that follow others by ties what they hand on to these.
+        lumped: (owned nodes,) kg, the same but for zero at these.
+        touching: (owned nodes,) kg, the same but for zero at bonded nodes: with which they meet planes.
+        weights: (owned nodes,) kg, zero at nodes that somebody else moves and at those that follow others.
         bonded: these.
         damping: 1/s, force per mass and velocity, against inertial axes.
         thickness: further mass of edges through a wall, or None.
@@ -68,7 +70,8 @@ class NodalInertia:
         lumped = lumped_mass(body)
         refuse_inertia_of_further_unknowns(body, lumped)
         self.damping = damping
-        self.masses: FloatArray = body.layout.displacements(lumped)[:, 0].copy()
+        self.lumped: FloatArray = body.layout.displacements(lumped)[:, 0].copy()
+        self.masses: FloatArray = self.lumped.copy()
         n = len(self.masses)
         self.bonded: NDArray[np.int32] = np.zeros(0, dtype=np.int32) if bonded is None else bonded
         self._moves: FloatArray = np.ones((n, 3))
@@ -76,12 +79,25 @@ class NodalInertia:
             nodes = body.layout.nodes_on(body.mesh.dim - 1, body.mesh.facets(support.group))
             held = np.array([support.x, support.y, support.z])
             self._moves[np.ix_(nodes[nodes < n], np.flatnonzero(held))] = 0.0
+        if body.ties is not None:
+            body.ties.refuse_held(self._moves == 0.0, by="supports", kind=SceneError)
         self._moves[self.bonded] = 0.0
         self.plane, self.thickness = PlaneMotion(body), thickness
         if thickness is not None:
             thickness.hold(self._moves)
-        self.weights: FloatArray = self.masses.copy()
-        self.weights[self.bonded] = 0.0
+        self._body = body
+        if body.ties is not None:
+            # what they touch planes and shapes with
+            self.masses[body.ties.own] = body.layout.displacements(own_lumped_mass(body))[body.ties.own, 0]
+        self.touching: FloatArray = self.masses.copy()
+        self.touching[self.bonded] = 0.0
+        self.weights: FloatArray = self.touching.copy()
+        if body.ties is not None:
+            self.weights[body.ties.own] = 0.0
+
+    def passed_on(self, a: FloatArray, touched: FloatArray) -> FloatArray:
+        """Accelerations (owned nodes, 3) m/s^2 with those by forces (owned nodes, 3) N of contacts. Collective."""
+        return self._body.complete_nodes(a + self.held(self._body.condense_nodes(touched) / self.masses[:, None]))
 
     def held(self, vectors: FloatArray, nodes: Any = slice(None)) -> FloatArray:
         """Vectors (k, 3) at the given owned nodes, or at all, without the components along which these are held."""
@@ -95,7 +111,7 @@ class NodalInertia:
         """(owned nodes, 3) m/s^2, by forces (owned nodes, 3) N, gravity (3,) m/s^2 and damping at v m/s. Collective."""
         pull = self.held(force / self.masses[:, None] + gravity - self.damping * v)
         if self.thickness is None:
-            return pull
+            return self._body.complete_nodes(pull)
         damped = self.held(-self.damping * v)  # by all mass
         return self.thickness.accelerations(pull - damped) + damped
 

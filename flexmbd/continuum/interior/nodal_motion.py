@@ -111,7 +111,7 @@ class NodalMotion:
         )
         bulk = None if bulk_viscosity is None else BulkForces(body, bulk_viscosity)
         self.mesh = CarriedMesh(body, inertia.masses, bulk=bulk, turns=turns)
-        self.loads = loads_on_moving_nodes(body, loads, mass=inertia.masses)
+        self.loads = loads_on_moving_nodes(body, loads, mass=inertia.lumped)
         if thickness is not None:
             self.surroundings["scaled_thickness"] = thickness.scale
         if self.loads.names:
@@ -226,7 +226,7 @@ class NodalMotion:
 
     def start(self, h: float) -> None:
         """Forces at the start, before a first step h (s). Collective where there are loads."""
-        self.v = self.inertia.held(self.v)
+        self.v = self.body.complete_nodes(self.inertia.held(self.v))
         self._h = h
         self.load = self.loads_at(self.t + _BESIDE * h)
         free = self._accelerate(self.v, h, h**2 / 2, answer=1.0)
@@ -247,6 +247,7 @@ class NodalMotion:
         if bonded is not None:
             held = self.inertia.bonded
             move[held] = bonded - self.x[held]
+            self.body.complete_nodes(move)
         for pair, side in self.contacts.pairs:
             pair.plan(side)
         self._planned = move
@@ -306,7 +307,7 @@ class NodalMotion:
         if self.body.springs is not None and self.mesh.fields is None:
             # to the ground, on which a body by itself began
             force -= self.body.springs.of_nodes(self.x - self.mesh.X)
-        return force
+        return self.body.condense_nodes(force)
 
     def energies(self) -> dict[str, float]:
         """Energies, J, by name: stored and dissipated. Collective; the same on all ranks.
@@ -329,8 +330,9 @@ class NodalMotion:
 
     @property
     def pushing(self) -> FloatArray:
-        """(owned nodes, 3) N, of the body, loads and contacts on its nodes, those on bonded ones among them."""
-        return np.asarray(self.force + self.load + (self.contacts.met + self.contacts.rubbed))
+        """(owned nodes, 3) N, of the body, loads and contacts on its nodes, bonded ones among them. Collective."""
+        touched = self.body.condense_nodes(self.contacts.met + self.contacts.rubbed)
+        return np.asarray(self.force + self.load + touched)
 
     def outer_forces(self) -> dict[str, FloatArray]:
         """(3,) N by name, of planes (of one name their sum) and loads on the body at a step's end. Collective."""

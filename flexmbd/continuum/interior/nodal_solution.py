@@ -127,6 +127,7 @@ class NodalSolution:
         moved[layout.displacement_dofs[self.bonded]] = steps[~bonds.averaged]
         guess = guess.copy()
         guess[self.body.held_dofs] = 0.0
+        self.body.complete(guess)
         constraints = self._averages.constraints(motion, axes.R, displacement=gap)
         if bonds.turns.any:
             moved[bonds.turns.dofs] = bonds.turns.increments(motion.R, axes.R, self.body.displacement)
@@ -191,4 +192,4 @@ class NodalSolution:
         vector = body.vector()
         vector.array[: body.n_owned] = found
         vector.scatter_forward()
-        return np.asarray(a + body.layout.displacements(vector.array) @ R.T)
+        return body.complete_nodes(a + body.layout.displacements(vector.array) @ R.T)

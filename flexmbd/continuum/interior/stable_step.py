@@ -160,6 +160,9 @@ class StableStep:
     def _largest_rate(self, matrix: PETSc.Mat) -> float:
         """1/s, the largest eigenvalue of a matrix of forces by rates, by mass; it is destroyed. Collective."""
         body = self._body
+        if body.ties is not None:
+            alone, matrix = matrix, body.ties.condensed(matrix, keeps_diagonal=False)
+            alone.destroy()
         x, y = matrix.createVecs()
 
         def by_rates(w: FloatArray) -> FloatArray:
@@ -198,11 +201,12 @@ class StableStep:
         owned = len(self._root)
         self._moved.array[:owned] = w
         self._moved.scatter_forward()
+        self._body.complete_nodes(self._moved.array.reshape(-1, 3))
         self._sum.array[:] = 0.0
         fem.assemble_vector(self._sum.array, self._shapes)
         self._sum.scatter_reverse(la.InsertMode.add)
         image: FloatArray = self._sum.array[:owned].copy()
-        return image
+        return self._body.condense_nodes(image.reshape(-1, 3)).reshape(-1)
 
     def _by_differences(self, w: FloatArray) -> FloatArray:
         body, owned = self._body, self._body.n_owned

@@ -174,7 +174,7 @@ class StepEquations:
 
     def motion(self, increment: FloatArray) -> tuple[FloatArray, FloatArray]:
         """(local nodes, 3) m, m/s^2, positions and accelerations in inertial axes at a displacement (local dofs,)."""
-        x = self.axes.positions(increment)
+        x = self.body.complete_nodes(self.axes.positions(increment))
         a: FloatArray = (1.0 / self.step.per_x) * (x - self.step.predicted)
         a[self.held] = self.held_accelerations
         return x, a
@@ -195,7 +195,8 @@ class StepEquations:
         outer = self.loads.force(increment)
         if self.contacts.touches:
             touched = self.touched(x)
-            outer = outer + self.axes.to_body(touched.at_nodes(touched.force, self.body.layout.n_owned_nodes))
+            on_nodes = touched.at_nodes(touched.force, self.body.layout.n_owned_nodes)
+            outer = outer + self.axes.to_body(self.body.condense_nodes(on_nodes))
         return internal, inertia, outer
 
     def turned(self, increment: FloatArray) -> TurnState | None:
@@ -238,7 +239,10 @@ class StepEquations:
         matrix = self.loads.subtract_slopes(self.body.tangent(increment, dt=self.step.h), increment)
         matrix.axpy(1.0 / self.step.per_x, self.frames.mass, PETSc.Mat.Structure.SUBSET_NONZERO_PATTERN)
         if self.contacts.touches:
-            matrix = self.touched(self.motion(increment)[0]).add_slopes(matrix, self.axes.R, self.body.layout)
+            touched = self.touched(self.motion(increment)[0])
+            matrix = self.body.with_slopes(
+                matrix, lambda alone: touched.add_slopes(alone, self.axes.R, self.body.layout)
+            )
         return matrix
 
     def end(self, increment: FloatArray, held_velocities: FloatArray) -> NodalState:
@@ -246,6 +250,7 @@ class StepEquations:
         step, before, (x, a) = self.step, self.step.before, self.motion(increment)
         _, v, last = step.scheme.end(step.h, before.v, before.a, before.auxiliary, a)
         v[self.held] = held_velocities
+        v, a, last = (self.body.complete_nodes(rates) for rates in (v, a, last))
         return NodalState(step.t_end, x, v, a, last, step.h, self.turned(increment))
 
 

@@ -35,11 +35,16 @@ def thickness_mass(body: NonlinearModel, scale: float) -> ThicknessMass | None:
 
     Raises:
         SceneError: on all ranks: the scale is below 0 or above 1, or another one on some.
-        FormulationError: as `ThicknessMass`.
+        FormulationError: as `ThicknessMass`; welds.
     """
     parallel.check_same(body.comm, SceneError, scaled_thickness=scale)
     if not 0.0 <= scale <= 1.0:
         raise SceneError(f"scaled_thickness must be from 0 (none) to 1 (the cells' size in the wall), got {scale!r}")
+    if scale > 0.0 and body.ties is not None:
+        raise FormulationError(
+            "scaled_thickness= goes by edges through the wall, and welds tie some of their ends alone; leave it out, "
+            "or mesh the walls in one"
+        )
     return ThicknessMass(body, scale) if scale > 0.0 else None
 
 

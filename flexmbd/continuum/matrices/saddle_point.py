@@ -34,6 +34,17 @@ def principal_part(matrix: PETSc.Mat, mask: NDArray[np.bool_]) -> PETSc.Mat:
     return part
 
 
+def fill_empty_rows(matrix: PETSc.Mat, mask: NDArray[np.bool_]) -> None:
+    """Give rows of a mask (owned rows,) that are zero, as of what follows by ties, a diagonal. Collective.
+
+    It is positive, so that no signs are counted.
+    """
+    first = matrix.getOwnershipRange()[0]
+    for row in (np.flatnonzero(mask) + first).astype(PETSc.IntType):
+        matrix.setValue(row, row, 1.0)
+    matrix.assemble()
+
+
 def negative_directions(matrix: PETSc.Mat, mask: NDArray[np.bool_]) -> int:
     """Negative eigenvalues that a symmetric matrix owes to the unknowns z of a mask (owned rows,). Collective.
 

@@ -261,6 +261,8 @@ def _refuse_unheld(body: NonlinearModel, prescribed: NDArray[np.int32]) -> None:
         return
     columns = body.layout.rigid_columns(np.zeros(3), np.eye(3))[: body.n_owned]
     held, given = np.zeros_like(columns), np.union1d(prescribed, body.held_dofs).astype(np.int32)
+    if body.ties is not None:  # what follows holds nothing by itself
+        given = np.setdiff1d(given, body.ties.dofs)
     held[given] = columns[given]
     whole, left = (inner(body.comm, part, part) for part in (columns, held))
     # of each motion, what the given dofs take part in

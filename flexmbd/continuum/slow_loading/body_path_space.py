@@ -218,7 +218,7 @@ class BodyPathSpace:
         own[:] = increment[:n] + xi
         own[prescribed] = self._loads.given(factor) - self._body.displacement[prescribed]
         self._ghosted.scatter_forward()
-        return np.asarray(self._ghosted.array.copy())
+        return self._body.complete(self._ghosted.array.copy())
 
     def _balance(self, increment: FloatArray, factor: float) -> Balance:
         return self._loads.balance(self._loads.outer(factor), increment, least=self.load_size(increment, factor))
@@ -260,7 +260,7 @@ class BodyPathSpace:
         self._round_off = self._zero_up_to(matrix)
         found = self.solver.solve_block(block)
         found[prescribed, 1] = slope
-        return found
+        return self._body.complete(found)
 
     def _zero_up_to(self, matrix: PETSc.Mat) -> float:
         """What the factor of a matrix leaves of an eigenvalue that is zero."""
@@ -317,10 +317,11 @@ class BodyPathSpace:
         counted = int(self._body.comm.allreduce(int(np.count_nonzero(self._weights[self._free]))))
         count = min(count, counted)
         if here.negative is None and self._inertia is not None:
-            return NearZero(*smallest_vibrations(self.solver, self._inertia, count), self._round_off)
-        symmetric = here.negative is not None
-        found = smallest_eigenvalues(self.solver, self._free_weights, count, symmetric=symmetric)
-        return NearZero(*found, self._round_off)
+            values, modes = smallest_vibrations(self.solver, self._inertia, count)
+        else:
+            symmetric = here.negative is not None
+            values, modes = smallest_eigenvalues(self.solver, self._free_weights, count, symmetric=symmetric)
+        return NearZero(values, self._body.complete(modes), self._round_off)
 
     def _stiffening(self, here: BodyPoint, along: PathDirection, mode: FloatArray) -> float:
         """m.K'(t)m by a difference of tangents."""

@@ -17,6 +17,7 @@ from flexmbd.continuum.history.displacement_newton import Balance
 from flexmbd.continuum.history.nonlinear_model import HistorySnapshot, NonlinearModel
 from flexmbd.errors import FormulationError
 from flexmbd.given import numbers
+from flexmbd.round_off import SEVEN_DIGITS
 
 FloatArray = NDArray[np.float64]
 LoadPath = Callable[[float], FloatArray]
@@ -47,6 +48,11 @@ class SlowLoads:
 
     def __post_init__(self) -> None:
         self._agree(self._fault_of_prescribed())
+        ties = self.body.ties
+        if ties is not None:
+            held = np.zeros(self.body.n_owned, dtype=bool)
+            held[self.prescribed] = True
+            ties.refuse_held(held.reshape(-1, 3), by="prescribed dofs", kind=FormulationError)
 
     def given(self, t: float) -> FloatArray:
         """(prescribed dofs,) m, from the undeformed body. Collective."""
@@ -54,15 +60,30 @@ class SlowLoads:
         if self.displacement is None:
             return np.zeros(n)
         found = self._answer("displacement", self.displacement, t, n)
+        self._refuse_torn(found, t)
         if self.body.plane_axis is not None:
             leaves = found[np.isin(self.prescribed, self.body.held_dofs)].any()
             self._agree(f"displacement moves nodes out of the plane of the body at {t:g}" if leaves else "")
         return found
 
+    def _refuse_torn(self, given: FloatArray, t: float) -> None:
+        """Refuse displacements (prescribed dofs,) m that pull a weld apart. Collective."""
+        if self.body.ties is None:
+            return
+        whole = np.zeros(self.body.n_owned)
+        whole[self.prescribed] = given
+        off = abs(self.body.complete(whole.copy()) - whole)[np.intersect1d(self.prescribed, self.body.ties.dofs)]
+        size = max(self.body.comm.allgather(float(abs(given).max(initial=0.0))))
+        torn = off.max(initial=0.0) > SEVEN_DIGITS * size
+        self._agree(
+            f"displacement moves nodes of a weld by {off.max():.4g} m away from the facets that they follow, at {t:g}; "
+            "give both sides one motion" if torn else ""
+        )
+
     def outer(self, t: float) -> TrialLoads:
         """The forces at a load parameter. Collective."""
         n = self.body.n_owned
-        dead = np.zeros(n) if self.load is None else self._answer("load", self.load, t, n)
+        dead = np.zeros(n) if self.load is None else self.body.condense(self._answer("load", self.load, t, n).copy())
         values = self.applied.values(t)
         if self.applied.any:
             dead = dead + self.body.layout.at_dofs(self.applied.dead(values, np.eye(3)), owned=True)

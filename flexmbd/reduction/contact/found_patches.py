@@ -185,14 +185,18 @@ def _refuse_shared(
                 f"contact patches {one.name!r} and {other.name!r} overlap: they share {len(mine & theirs)} facets; "
                 "give each facet to one of them"
             )
-    bound = [(one.name, one.nodes) for one in model.interfaces if isinstance(one, RigidInterface)]
-    for name, nodes in [*bound, *((one.name, one.nodes) for one in model.nodal)]:
+    rigid = [(one.name, one.nodes) for one in model.interfaces if isinstance(one, RigidInterface)]
+    kept = [(one.name, one.nodes) for one in model.nodal]
+    bound = [(f"the interface {name!r}", nodes) for name, nodes in (*rigid, *kept)]
+    if model.ties is not None:
+        bound.append(("the following side of a weld", model.ties.followers.astype(np.int32)))
+    for name, nodes in bound:
         held = np.unique(np.concatenate(model.comm.allgather(numbers[nodes])))
         for one, facets in zip(patches, found, strict=True):
             shared = np.isin(np.unique(facets.nodes), held).sum()
             if shared:
                 raise ReductionError(
-                    f"contact patch {one.name!r} shares {shared} nodes with the interface {name!r}, which "
+                    f"contact patch {one.name!r} shares {shared} nodes with {name}, which "
                     "moves them as its own: leave out the facets at its edge (facets=..., a function of points)"
                 )
 

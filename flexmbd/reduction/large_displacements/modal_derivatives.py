@@ -70,6 +70,7 @@ def check_nonlinear(model: LinearModel) -> None:
     for there, what in (
         (bool(model.interfaces) is False, "bodies without interfaces"),
         (bool(model.nodal), "nodal interfaces"),
+        (model.ties is not None, "welds"),
         (model.state is not None, "prestressed bodies"),
         (any(group.has_sections for group in model.groups), f"rotations of cross-sections, as of {model.form_name}"),
         (int(model.layout.kinematic.sum()) != model.layout.n_local, f"further unknowns, as of {model.form_name}"),

@@ -13,7 +13,7 @@ from petsc4py import PETSc
 import numpy as np
 
 from flexmbd.continuum.matrices.blocks import inner, multiply, symmetric
-from flexmbd.continuum.matrices.saddle_point import negative_directions, principal_part
+from flexmbd.continuum.matrices.saddle_point import fill_empty_rows, negative_directions, principal_part
 from flexmbd.errors import ConvergenceError, ReductionError
 from flexmbd.reduction.modes.eigensolver import ModeSearch
 from flexmbd.reduction.modes.krylov_schur import shift_after
@@ -41,6 +41,8 @@ def count_below(statics: Statics, eigenvalue: float) -> int:
     model, columns = statics.model, statics.held_averages
     shifted = principal_part(model.K, statics.mask)
     shifted.axpy(-eigenvalue, statics.M, structure=PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
+    if model.ties is not None:
+        fill_empty_rows(shifted, model.tied_dofs[statics.mask])
     factor: Factor | None = None
     try:
         # of unknowns without mass, for which K - sigma M is K

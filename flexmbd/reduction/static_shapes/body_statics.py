@@ -72,6 +72,7 @@ def body_statics(
     rigid = rigid_modes(model) if supported or (frame is None and not model.supports) else None
     p, R = _body_frame(interfaces, rigid if frame is None else None)
     boundary = minimal_support(model, rigid) if supported and rigid is not None else _bound(model, interfaces)
+    boundary = boundary | model.tied_dofs
     if not is_held(model, boundary):
         raise ReductionError(f"the stiffness of the interior has no inverse: {SINGULAR}")
     shapes = 6 * len(interfaces) + model.comm.allreduce(int(retained_dofs(model).sum())) + _RESPONSES

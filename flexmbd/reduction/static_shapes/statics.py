@@ -305,6 +305,7 @@ class Statics:
             return StaticShapes(none, none, 0.0)
         motions = rigid_columns(self.model, self.interfaces, axes=self.R)
         held = held_dofs(self.model.supports, layout=self.model.layout) | retained_dofs(self.model)
+        held |= self.model.tied_dofs
         motions[held] = 0.0
         shapes, forces = continued(self.model, self._interior, motions) if self.interfaces else (motions, motions)
         if self._constraint is not None:
@@ -320,8 +321,8 @@ class Statics:
             return StaticShapes(shapes, forces + turning, state.rigid_error)
         origin = self.interfaces[0].p if self.interfaces else self.p
         found = shapes @ rigid_coordinates(self.interfaces, origin=origin, axes=self.R)
-        if self.model.supports or self.model.nodal:
-            # a rigid motion takes the supports and retained nodes along
+        if self.model.supports or self.model.nodal or self.model.ties is not None:
+            # a rigid motion takes the supports, retained nodes and what follows by ties along
             along = np.where(held[:, None], self.model.rigid_motions(origin, self.R), 0.0)
             found = found + continued(self.model, self._interior, np.asfortranarray(along))[0]
         if self.model.has_surface_energy:

@@ -37,6 +37,9 @@ def is_held(model: LinearModel, boundary: NDArray[np.bool_]) -> bool:
         boundary: (owned dofs,) whether a dof of this rank is held.
     """
     found = pieces(model.mesh.mesh)
+    if model.ties is not None:  # which join the pieces; what follows holds nothing
+        held, every = boundary & ~model.tied_dofs, np.zeros_like(found.of_cells)
+        return all(_holds(model, mask, held & mask) for mask in _dofs(model, every, 1))
     return all(_holds(model, mask, boundary & mask) for mask in _dofs(model, found.of_cells, found.count))
 
 
@@ -76,6 +79,7 @@ def minimal_support(model: LinearModel, rigid: RigidModes) -> NDArray[np.bool_]:
     reach = np.linalg.norm(model.node_x - rigid.com, axis=1).max(initial=0.0)
     reach = model.comm.allreduce(reach, op=MPI.MAX)
     rows = rigid.motions / np.repeat([1.0, reach], 3)
+    rows[model.tied_dofs] = 0.0
     mine, _ = independent_rows(rows)
     gathered = model.comm.gather((mine, rows[mine]), root=0) or []
 

@@ -100,6 +100,11 @@ def prestressed(
             f"nodal interfaces, as {model.nodal[0].name!r}, are those of a part at rest: leave them out before "
             "prestressed(...), or reduce the part at rest"
         )
+    if model.ties is not None:
+        raise ReductionError(
+            "welds are those of a part at rest: leave them out before prestressed(...), mesh the part in one, or load "
+            "the reduced body in the machine"
+        )
     spin = finite_numbers("angular_velocity", angular_velocity, 3)
     wrenches = {name: finite_numbers(f"force on {name!r}", value, 6) for name, value in (forces or {}).items()}
     model = model.coupled()  # fields of one cell are in no linear relation to a loaded state

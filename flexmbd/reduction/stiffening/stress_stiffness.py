@@ -125,13 +125,13 @@ def stress_stiffness_matrix(model: LinearModel, field: FloatArray) -> PETSc.Mat 
     if not forms:
         return None
     if model.condensed is not None:
-        return _symmetric_part(model.condensed.matrix(forms, name="geometric stiffness"))
+        return model.tied(_symmetric_part(model.condensed.matrix(forms, name="geometric stiffness")))
     return symmetric_sum(model, [fem.form(form) for some in forms.values() for form in some])
 
 
 def symmetric_sum(model: LinearModel, forms: Sequence[fem.Form]) -> PETSc.Mat:
     """The symmetric part of a sum of bilinear forms, as a new AIJ matrix. Collective."""
-    return _symmetric_part(assemble({"geometric stiffness": forms}, model.groups, model.space)[0])
+    return model.tied(_symmetric_part(assemble({"geometric stiffness": forms}, model.groups, model.space)[0]))
 
 
 def _symmetric_part(half: PETSc.Mat) -> PETSc.Mat:
