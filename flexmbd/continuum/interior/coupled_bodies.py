@@ -323,8 +323,8 @@ def touch_between(facing: FacingSurface, nodes: NodalSolution, facets: NodalSolu
     """The contact of one body's nodes with another one's facets. Collective.
 
     Raises:
-        SceneError: on all ranks: the bodies are on other ranks, have welds, or are solved by multigrid; facets have nodes beside
-            their corners, or are the edges of a plane body.
+        SceneError: on all ranks: the bodies are on other ranks, have welds, or are solved by multigrid; facets have
+            nodes beside their corners, or are the edges of a plane body.
     """
     what = f"contact {facing.name!r}"
     check_facets(facets.body, facing.facets, what=what)
