@@ -123,9 +123,13 @@ def kinetic_energy(v: Expr, p: Parameters) -> list[tuple[Expr, Quadrature]]:
 
 
 def stress(u: Expr, state: None, p: Parameters) -> Expr:
-    """Stress, Pa, (3, 3), in the plane, and in plane strain along the normal; linear in u. `state` is None."""
-    strain, _, _ = plate_mitc._strains(u)
-    whole = _stress(strain + _along(u, p), p)
+    """Stress, Pa, (3, 3), of the energy's strain: in the plane, and in plane strain along the normal.
+
+    `state` is None.
+    """
+    linear, _, _ = plate_mitc._strains(u)
+    h = ufl.grad(plate_mitc._parts(u)[0]) * plate_mitc._flat(u)
+    whole = _stress(linear + h.T * h / 2 + _along(u, p), p)
     return whole if p.plane_strain else plate_mitc._flat(u) * whole * plate_mitc._flat(u)
 
 

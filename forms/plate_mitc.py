@@ -175,10 +175,11 @@ def section_inertia(p: Parameters) -> Expr:
 def stress(u: Expr, state: None, p: Parameters) -> Expr:
     """Stress, Pa, (3, 3), of stretching and bending at the face that the normal points to, z = t/2.
 
-    Linear in u, so modes may be superposed. `state` is None.
+    Of the energy's strain, to second order in the membrane. `state` is None.
     """
-    membrane, bend, _ = _strains(u)
-    n, faced = _normal(u), _plane_stress(membrane + p.t / 2 * bend, p)
+    linear, bend, _ = _strains(u)
+    h = ufl.grad(_parts(u)[0]) * _flat(u)
+    n, faced = _normal(u), _plane_stress(linear + h.T * h / 2 + p.t / 2 * bend, p)
     return faced - ufl.dot(n, ufl.dot(faced, n)) * ufl.outer(n, n)
 
 

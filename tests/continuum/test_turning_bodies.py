@@ -17,7 +17,7 @@ import flexmbd as fm
 from flexmbd import forms, meshes
 from flexmbd.continuum import ContinuumModel, ExplicitContinuum, ImplicitContinuum, Interface, NonlinearModel
 from flexmbd.continuum.interior import turn_law
-from flexmbd.errors import FormulationError, InterfaceError, RangeWarning, SceneError
+from flexmbd.errors import FormulationError, InterfaceError, MeshError, RangeWarning, SceneError
 from flexmbd.reduction.craig_bampton import craig_bampton
 
 BEAM, EXACT, PLATE, SOLID = forms.beam_timoshenko, forms.beam_exact, forms.plate_mitc, forms.solid_micropolar
@@ -258,6 +258,24 @@ def test_it_sags_at_rest_as_a_beam_does():
     sag = sum(-axis[2] * axis * load * (1 / (8 * bending) + 1 / (2 * shear)) for axis, bending, shear in along)
     moved = point.position(body.frame(tip)) - [1.0, 0.0, 0.0]
     assert moved[1:] == pytest.approx(sag[1:], rel=1e-3)
+
+
+def test_a_plate_that_bends_has_the_stress_of_its_curvature(tmp_path):
+    """Where it turns by 0.1 rad; a membrane strain linear in the displacement would be -0.005 there."""
+    body = sheet(PLATE.Parameters(E=2e8, nu=0.0, rho=2700.0, t=0.02))
+    scene, part, _ = pendulum(full(body), spin=0.0, joint=fm.joint.Fixed())
+    recording = fm.Recording(tmp_path / "plate.h5", every=5e-3)
+    run = scene.simulate(0.06, h=5e-3, integrator=ALPHA, recording=recording)
+    turns = body.displacement[body.displacement_dofs[:, 0] + 4]
+    at = [turns[abs(body.layout.node_x[:, 0] - x) < 1e-6].mean() for x in np.linspace(0.0, 0.5, 5)]
+    curvature = np.diff(at) / 0.125
+    expected = 2e8 * 0.01 * 0.5 * (curvature[1] + curvature[2])
+    assert max(at) > 0.05
+    found = run.recorded(part).series("stress", point=(0.25, 0.0, 0.0))[-1]
+    assert found[0] == pytest.approx(expected, rel=0.01)
+    assert run.stress(part, t=0.06).max == pytest.approx(2e8 * 0.01 * curvature[0], rel=0.02)
+    with pytest.raises(MeshError, match="no cell of the undeformed body holds the point"):
+        run.recorded(part).series("stress", point=(0.25, 0.0, 0.01))
 
 
 @pytest.mark.parametrize("form", [BEAM, EXACT])

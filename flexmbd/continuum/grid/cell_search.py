@@ -19,7 +19,7 @@ def find_cell(mesh: TaggedMesh, point: ArrayLike) -> tuple[int, FloatArray] | No
     """An owned cell that holds a point, and the point's place in the reference cell; not collective.
 
     Args:
-        mesh: of solid cells.
+        mesh: of solid cells, or of cells of a surface.
         point: (3,) m.
 
     Returns:
@@ -27,7 +27,7 @@ def find_cell(mesh: TaggedMesh, point: ArrayLike) -> tuple[int, FloatArray] | No
     """
     p = np.asarray(point, dtype=float).reshape(1, 3)
     domain = mesh.mesh
-    cells = compat.cell_nodes(domain)[: domain.topology.index_map(3).size_local]
+    cells = compat.cell_nodes(domain)[: domain.topology.index_map(domain.topology.dim).size_local]
     x = domain.geometry.x[cells]
     low, high = x.min(axis=1), x.max(axis=1)
     # a curved cell reaches beyond its nodes
@@ -38,13 +38,16 @@ def find_cell(mesh: TaggedMesh, point: ArrayLike) -> tuple[int, FloatArray] | No
         except RuntimeError:  # far outside a distorted cell Newton's method finds nothing
             continue
         if _is_inside(reference, domain.topology.cell_name()):
-            return int(cell), reference
+            # beside a surface a point has a place in its cells as well
+            there = compat.coordinate_map(domain).push_forward(reference[None], x[cell])[0]
+            if np.linalg.norm(there - p[0]) <= margin[cell].max():
+                return int(cell), reference
     return None
 
 
 def _is_inside(reference: FloatArray, cell: str) -> bool:
-    """Whether reference coordinates (3,) lie in the reference cell."""
+    """Whether reference coordinates (3,) or (2,) lie in the reference cell."""
     inside = bool((reference >= -_OUTSIDE).all())
-    if basix.CellType[cell] == basix.CellType.tetrahedron:
+    if basix.CellType[cell] in (basix.CellType.tetrahedron, basix.CellType.triangle):
         return inside and float(reference.sum()) <= 1.0 + _OUTSIDE
     return inside and bool((reference <= 1.0 + _OUTSIDE).all())

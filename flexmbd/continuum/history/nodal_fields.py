@@ -36,10 +36,13 @@ class NodalFields:
         """Number the nodes, and say what the quadrature points count at each node of a cell.
 
         Raises:
-            FormulationError: the body is not made of solid cells.
+            FormulationError: the body is not made of solid cells, or of plates.
         """
-        if body.mesh.dim != 3:
-            raise FormulationError("fields are shown of bodies of solid cells")
+        if body.mesh.dim == 1 or (body.mesh.dim == 2 and not body.turns):
+            raise FormulationError(
+                f"{body.form_name}: fields are shown of bodies of solid cells, and of plates; ask for the motion of "
+                "frames (run.position), or mesh the body with solid cells"
+            )
         self._body = body
         self.nodes = GatheredNodes(body, body.layout.node_x)
         corners = compat.interpolation_points(body.layout.node_space)
