@@ -58,5 +58,5 @@ def _series(rows: Sequence[Any], scene: str) -> list[tuple[str, list[Any]]]:
 
 
 def _look(name: str) -> dict[str, Any]:
-    ours = name in ("flexmbd", "implicit", "explicit")
+    ours = name in ("flexmbd", "implicit", "explicit", "bricks", "solid-shells")
     return {"linestyle": "-" if ours else "--", "marker": "o" if ours else "s", "markersize": 3.5}
