@@ -33,7 +33,7 @@ def join(parts: Mapping[str, TaggedMesh]) -> TaggedMesh:
 
     Raises:
         MeshError: on all ranks; fewer than two parts, cells that are no solids or not of one kind and degree, other
-            ranks.
+            ranks, names of two groups that would be the same.
     """
     fault = _fault(parts)
     comm = next((part.comm for part in parts.values()), MPI.COMM_WORLD)
@@ -61,6 +61,12 @@ def _fault(parts: Mapping[str, TaggedMesh]) -> str:
             return f"join: {one}, {other}; cells of one mesh are of one kind and degree"
         if parts[name].comm.size != parts[names[0]].comm.size:
             return f"join: {names[0]!r} and {name!r} are spread over other ranks; make both with the same comm"
+    owner: dict[str, str] = {}
+    for name, part in parts.items():
+        for group in sorted({*part.facet_groups, *part.cell_groups, *part.edge_groups, *part.vertex_groups}):
+            first = owner.setdefault(f"{name}.{group}", name)
+            if first != name:
+                return f"join: two groups would be '{name}.{group}', of part {first!r} and of part {name!r}; rename one"
     return ""
 
 

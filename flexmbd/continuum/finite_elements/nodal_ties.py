@@ -11,7 +11,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import pairwise
 from typing import Any
 
 from mpi4py import MPI
@@ -254,24 +253,18 @@ def bound_ties(
     """Ties on the nodes of the ranks; None of none. Collective.
 
     Args:
-        ties: the same on all ranks.
+        ties: the same on all ranks, of each node one at most.
         comm: of the body.
         layout: of its unknown.
         numbers: (local nodes including ghosts,) of its nodes.
         kind: of the error.
 
     Raises:
-        FlexmbdError: on all ranks: of that kind: a node is tied twice, or ties that go round in a circle.
+        FlexmbdError: on all ranks: of that kind: ties that go round in a circle.
     """
     if not ties:
         return None
     ties = sorted(ties, key=lambda tie: tie.node)
-    for one, other in pairwise(ties):
-        if one.node == other.node:
-            raise kind(
-                f"{one.weld} and {other.weld} both tie node {one.node} at {told_place(one.place)} m, which cannot "
-                "follow two facets; take the nodes of the other side in one of them, or a group that ends before it"
-            )
     try:
         weights = resolved(ties)
     except ValueError as circle:

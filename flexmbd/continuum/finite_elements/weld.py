@@ -22,7 +22,7 @@ from flexmbd.round_off import SEVEN_DIGITS
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
-# Nodes of a spot, or pieces, that turn about a line by less than this share of what they turn about others.
+# Nodes of a spot that lie as near to a line, of their extent.
 _HINGE = 1e-3
 
 
@@ -33,7 +33,8 @@ class Weld:
 
     A node moves as the material of the cell behind the nearest facet does at its place, extrapolated where it lies off
     the facet: rigid motions cost nothing, however large, and an offset turns with the facet. Its own displacement is
-    no unknown any more. Take the finer mesh's nodes, and the facets of the coarser or stiffer side.
+    no unknown any more. Take the finer mesh's nodes, and the facets of the coarser or stiffer side. A node that several
+    welds of a model take, as in the corner of a bulkhead, follows by the first of them.
 
     Attributes:
         nodes: the group of facets, edges, vertices or cells whose nodes follow.
@@ -79,9 +80,9 @@ def with_welds(forms: DiscreteForms, welds: Sequence[Weld]) -> DiscreteForms:
 
     Raises:
         MeshError: on all ranks: what is no weld, or not the same on all ranks; an unknown or empty group; cells that
-            are no solids, or unknowns besides the displacement; nodes that are too far from the facets, or tied
-            twice, or in a circle; a spot of fewer than three nodes; nodes that an interface holds; pieces of the mesh
-            that can move against each other.
+            are no solids, or unknowns besides the displacement; nodes that are too far from the facets, or in a
+            circle; a weld all of whose nodes follow by welds before it; a spot of fewer than three nodes; nodes that
+            an interface holds; pieces of the mesh that can move against each other.
     """
     described = [_described(one) for one in welds] if is_list(welds) else repr(welds)
     parallel.check_same(forms.comm, MeshError, welds=described)
@@ -98,7 +99,7 @@ def with_welds(forms: DiscreteForms, welds: Sequence[Weld]) -> DiscreteForms:
         _refuse_loose(forms, None, ())
         return forms
     known = node_numbers(forms)
-    ties = [tie for one in welds for tie in _ties(one, forms, known)]
+    ties = _first_of_each([_ties(one, forms, known) for one in welds])
     ties = _without_held(ties, forms, known)
     found = bound_ties(ties, comm=forms.comm, layout=forms.layout, numbers=known, kind=MeshError)
     _refuse_loose(forms, known, ties)
@@ -175,6 +176,21 @@ def _refuse_gaps(weld: Weld, numbers_of: IntArray, x: FloatArray, found: FoundPl
     )
 
 
+def _first_of_each(several: Sequence[list[Tie]]) -> list[Tie]:
+    """The ties of several welds, of a node that several want that of the first weld."""
+    taken: dict[int, Tie] = {}
+    for ties in several:
+        if all(tie.node in taken for tie in ties):
+            others = " and the ".join(dict.fromkeys(taken[tie.node].weld for tie in ties))
+            raise MeshError(
+                f"{ties[0].weld}: all of its {len(ties)} nodes follow already, by the {others}, and a node follows one "
+                "facet alone; leave the weld out, or take the nodes of its other side"
+            )
+        for tie in ties:
+            taken.setdefault(tie.node, tie)
+    return list(taken.values())
+
+
 def _without_held(ties: Sequence[Tie], forms: DiscreteForms, known: IntArray) -> list[Tie]:
     """The ties that interfaces do not hold already: those of nodes of one frame among themselves. Collective."""
     frames = {}
@@ -213,24 +229,33 @@ def _refuse_loose(forms: DiscreteForms, known: IntArray | None, ties: Sequence[T
     of_node[known[dofmap[:owned]]] = found.of_cells[:, None]
     of_node = np.maximum.reduce(comm.allgather(of_node))
     x = np.array([tie.place for tie in ties])
-    middle, size = x.mean(axis=0), np.ptp(x, axis=0).max()
-    # of each piece's translation and turn about the middle, in one unit of length; of each tie what it opens
+    x -= x.mean(axis=0)
+    sides = np.array([(of_node[tie.node], of_node[tie.leaders[0]]) for tie in ties])
+    # of each tie what it opens by each piece's translation, and turn about the middle of its own seams in their size
     rows = np.zeros((len(ties), 3, found.count, 6))
-    for k, tie in enumerate(ties):
-        one, other = of_node[tie.node], of_node[tie.leaders[0]]
-        moved = np.hstack([np.eye(3), -np.cross(np.eye(3), (tie.place - middle) / (size or 1.0))])
-        rows[k, :, one] += moved
-        rows[k, :, other] -= moved
-    table = rows.reshape(3 * len(ties), -1)
+    back = np.tile(np.eye(6), (found.count, 1, 1))  # of a piece's motion that of the middle of all, and its turn
+    for piece in range(found.count):
+        seams = (sides == piece).any(axis=1)
+        if not seams.any():
+            continue
+        middle, size = x[seams].mean(axis=0), np.ptp(x[seams], axis=0).max() or 1.0
+        moved = np.zeros((seams.sum(), 3, 6))
+        moved[:, :, :3] = np.eye(3)
+        moved[:, :, 3:] = -np.cross(np.eye(3), (x[seams, None] - middle) / size)
+        rows[seams, :, piece] += ((sides[seams] == piece) @ (1.0, -1.0))[:, None, None] * moved
+        back[piece, :3, 3:] = np.cross(np.eye(3), middle / size)
+        back[piece, 3:, 3:] /= size
+    values, shapes = np.linalg.svd(np.linalg.qr(rows.reshape(3 * len(ties), -1), mode="r"))[1:]
     opened = np.zeros(6 * found.count)
-    values, shapes = np.linalg.svd(table.T @ table)[1:]
-    opened[: len(values)] = np.sqrt(values)
-    loose = opened <= _HINGE * opened[0]
+    opened[: len(values)] = values
+    loose = opened <= SEVEN_DIGITS * opened[0]
     if loose.sum() <= 6:
         return
-    # what moves against the first piece
-    free = shapes[loose].reshape(-1, found.count, 6)
-    moves = np.linalg.norm(free - free[:, :1], axis=(0, 2))
+    # what moves against the first piece: of the ties by the motion of each piece as one body with it
+    free = np.einsum("pij,kpj->kpi", back, shapes[loose].reshape(-1, found.count, 6))
+    apart = free - free[:, :1]
+    apart[..., 3:] *= np.ptp(x, axis=0).max()
+    moves = np.linalg.norm(apart, axis=(0, 2))
     k = int(moves.argmax())
     raise MeshError(
         f"the welds leave the part around {told_place(found.middles[k])} m ({found.cells[k]} cells) free to move, or "

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from flexmbd.errors import RangeWarning, warn
 from flexmbd.multibody.bodies.body import FlexibleBody
 from flexmbd.multibody.contact.elastic_surface import ElasticSurface, patches_table
+from flexmbd.multibody.contact.hard_contact import Hard
 from flexmbd.multibody.contact.surface_contact import SurfaceContact
 from flexmbd.multibody.force.shared_numbers import SharedNumbers
 from flexmbd.multibody.kernels.base.lanes import padded_size
@@ -24,6 +25,7 @@ FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
 _MOST = 2**23  # numbers of scratch space, 64 MB
+_FELT = 0.05  # of what a patch gives under a force on it: what it gives under one elsewhere, beyond which this is told
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,7 +105,7 @@ def joined_surfaces(contacts: Sequence[SurfaceContact]) -> list[JoinedSurfaces]:
 
 
 def tell_parted_surfaces(contacts: Sequence[SurfaceContact]) -> None:
-    """Tell groups that are too large.
+    """Tell groups that are too large, and contacts with friction, solved alone, where others press patches near theirs.
 
     Warns:
         RangeWarning: there is one; with a contact of it.
@@ -117,6 +119,38 @@ def tell_parted_surfaces(contacts: Sequence[SurfaceContact]) -> None:
                 RangeWarning,
                 subject=f"surfaces apart, of {group.contacts[0].what}",
             )
+    for body in {id(one.body): one.body for contact in contacts for one in contact.elastic}.values():
+        _tell_alone(body, contacts)
+
+
+def _tell_alone(body: FlexibleBody, contacts: Sequence[SurfaceContact]) -> None:
+    """Tell of a body the contact with friction that feels most of what another one presses it with.
+
+    Where a ball at one point will press is not known.
+    """
+    hard = [contact for contact in contacts if isinstance(contact.law, Hard)]
+    pressing = [(contact, one.patches) for contact in hard for one in contact.elastic if one.body is body]
+    group = body.record.contact
+    if group is None or len(pressing) < 2 or all(contact.may_join for contact, _ in pressing):
+        return
+    give = np.abs(group.G[::3, ::3])  # along the normals
+    own = np.sqrt(np.diag(give))
+    felt = np.divide(give, np.outer(own, own), out=np.zeros_like(give), where=np.outer(own, own) > 0.0)
+    found = [
+        (felt[np.ix_(patches, others)].max(), contact, other)
+        for k, (contact, patches) in enumerate(pressing)
+        for j, (other, others) in enumerate(pressing)
+        if j != k and not contact.may_join
+    ]
+    share, contact, other = max(found, key=lambda one: one[0])
+    if share > _FELT:
+        warn(
+            f"{contact.what} has friction, and is solved alone: beside what the modes have, forces of {other.what} "
+            f"move its patches by up to {100.0 * share:.2g} % of what they move their own by, and this it does not "
+            "feel; take more modes, or no friction",
+            RangeWarning,
+            subject=f"surfaces apart, of {body.name}",
+        )
 
 
 def connected_surfaces(contacts: Sequence[SurfaceContact]) -> list[JoinedSurfaces]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import cached_property
 from typing import Any, TypeAlias, cast
 
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from flexmbd.errors import SceneError
 from flexmbd.given import refuse_other
-from flexmbd.multibody.bodies.body import Frame
+from flexmbd.multibody.bodies.body import FlexibleBody, Frame
 from flexmbd.multibody.contact.contact_laws import Hertz, NormalLaw
 from flexmbd.multibody.contact.elastic_surface import ElasticSurface, surface_table
 from flexmbd.multibody.contact.hard_contact import Hard
@@ -24,6 +24,8 @@ from flexmbd.multibody.force.shared_numbers import SharedNumbers, WithSharedNumb
 from flexmbd.multibody.kernels.elements.surface_forces import ELASTIC_SURFACE, ROUGH_SURFACE
 from flexmbd.multibody.kernels.elements.surface_friction import PATCH_MEMORY, friction_scratch
 from flexmbd.multibody.kernels.elements.surface_layout import surface_scratch
+from flexmbd.record.contact_patches import ContactPatches
+from flexmbd.record.reduced_body import ReducedBody
 
 FloatArray = NDArray[np.float64]
 
@@ -224,3 +226,20 @@ def surface_contacts(one: object, other: object, law: Any, *, friction: object) 
         for surface in surfaces
         for shape in shapes
     ]
+
+
+def refuse_other_patches(contact: SurfaceContact, body: FlexibleBody, record: ReducedBody) -> None:
+    """Raise SceneError for another record of a body that a compiled contact presses, with other patches."""
+    for one in contact.elastic:
+        if one.body is body and not _are_alike(one.body.record.contact, record.contact):
+            raise SceneError(
+                f"{contact.what}: a record of {body.name!r} with other contact patches cannot take the place of that "
+                "in a compiled machine, which knows the patches of the first; build the scene anew with it"
+            )
+
+
+def _are_alike(one: ContactPatches | None, other: ContactPatches | None) -> bool:
+    """Whether patches are the same, to the bit."""
+    if one is None or other is None:
+        return one is other
+    return all(np.array_equal(getattr(one, field.name), getattr(other, field.name)) for field in fields(one))

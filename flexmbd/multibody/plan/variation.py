@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from flexmbd.errors import SceneError
 from flexmbd.multibody.bodies.body import Body, FlexibleBody, Frame, RigidBody
+from flexmbd.multibody.contact.surface_contact import SurfaceContact, refuse_other_patches
 from flexmbd.multibody.force.distributed_load import DistributedLoad
 from flexmbd.multibody.force.protocol import Force, SwitchValue
 from flexmbd.multibody.functions.callback import Callbacks
@@ -116,6 +117,9 @@ class _Variation:
                     bodies.append(thing)
                     frames += self._scene.sources.frames_of(thing)
                     forces += [f for f in self._scene.sources.forces if _hangs_on(f, thing)]
+                    for force in self._scene.index.forces:
+                        if isinstance(force, SurfaceContact):
+                            refuse_other_patches(force, thing, now.record)
             elif isinstance(thing, RigidBody):
                 bodies.append(thing)
             elif not isinstance(thing, Connection):

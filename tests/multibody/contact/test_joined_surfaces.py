@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import warnings
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -14,7 +15,7 @@ from scipy.spatial.transform import Rotation
 
 import flexmbd as fm
 from flexmbd import contact
-from flexmbd.errors import RangeWarning
+from flexmbd.errors import RangeWarning, SceneError
 
 DOWN = np.diag([1.0, -1.0, -1.0])
 
@@ -190,3 +191,42 @@ def test_surfaces_by_parts_are_as_one():
         found.append(force)
     assert (found[0] > 0.0).sum() > 2
     np.testing.assert_allclose(found[1], found[0], atol=1e-11 * found[0].max())
+
+
+def friction_told(share, mu):
+    """What is told of a body on a rough plane by one surface, on another plane by the other, which are joined by G."""
+    scene = fm.System()
+    body = patched_body(3, modes=4, patches=30)
+    group = body.record.contact
+    apart = group.surface[:, None] != group.surface
+    G = np.where(np.repeat(np.repeat(apart, 3, axis=0), 3, axis=1), share * group.G, group.G)
+    body = fm.FlexibleBody(replace(body.record, contact=replace(group, G=G)))
+    flying(scene, body, "body", (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+    below, above = scene.ground.frame(p=(0.0, 0.0, -1.0)), scene.ground.frame(p=(0.0, 0.0, 1.0), R=DOWN)
+    scene.touch(contact.ElasticSurface(body, "one"), contact.HalfSpace(below), contact.Hard(mu=mu))
+    scene.touch(contact.ElasticSurface(body, "other"), contact.HalfSpace(above), contact.Hard())
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        scene.simulate(1e-9, rtol=1e-3, integrator=fm.ExplicitRungeKutta())
+    return any("has friction, and is solved alone" in str(one.message) for one in caught)
+
+
+def test_friction_beside_others_is_told_where_they_feel_each_other():
+    assert friction_told(1.0, mu=0.2)
+    assert not friction_told(1e-3, mu=0.2)
+    assert not friction_told(1.0, mu=0.0)
+
+
+def test_records_with_other_patches_need_a_new_machine():
+    """A compiled machine knows the patches of its own record: one with the same ones may take its place."""
+    scene, pairs = between_planes()
+    body = pairs[0].surface.body
+    machine = scene.compile(parameters={"record": fm.parameter.BodyRecord(body)})
+    group = body.record.contact
+    softer = replace(body.record, contact=replace(group, G=2.0 * group.G))
+    with pytest.raises(SceneError, match=r"a record of 'body' with other contact patches .* build the scene anew"):
+        machine.simulate(1e-9, rtol=1e-3, record=softer)
+    alike = replace(body.record, stiffness=2.0 * body.record.stiffness)
+    run = machine.simulate(1e-9, rtol=1e-3, record=alike)
+    before = machine.simulate(1e-9, rtol=1e-3)
+    np.testing.assert_array_equal(run.contacts(pairs[0])[0].force[0], before.contacts(pairs[0])[0].force[0])
