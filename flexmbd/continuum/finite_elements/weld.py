@@ -251,9 +251,10 @@ def _refuse_loose(forms: DiscreteForms, known: IntArray | None, ties: Sequence[T
     loose = opened <= SEVEN_DIGITS * opened[0]
     if loose.sum() <= 6:
         return
-    # what moves against the first piece: of the ties by the motion of each piece as one body with it
+    # what moves against the piece of most cells
     free = np.einsum("pij,kpj->kpi", back, shapes[loose].reshape(-1, found.count, 6))
-    apart = free - free[:, :1]
+    most = int(np.argmax(found.cells))
+    apart = free - free[:, most : most + 1]
     apart[..., 3:] *= np.ptp(x, axis=0).max()
     moves = np.linalg.norm(apart, axis=(0, 2))
     k = int(moves.argmax())
