@@ -238,6 +238,13 @@ def refuse_other_patches(contact: SurfaceContact, body: FlexibleBody, record: Re
             )
 
 
+def refuse_other_surfaces(contact: SurfaceContact, now: SurfaceContact) -> None:
+    """Raise SceneError for a variant of a compiled contact by other patches: its group has the numbers of the first."""
+    pressed = [[(id(one.body), one.patches.tolist()) for one in each.elastic] for each in (contact, now)]
+    if pressed[0] != pressed[1]:
+        raise SceneError(f"{contact.what}: it cannot vary to other patches, {now.what}; build the scene anew with them")
+
+
 def _are_alike(one: ContactPatches | None, other: ContactPatches | None) -> bool:
     """Whether patches are the same, to the bit."""
     if one is None or other is None:

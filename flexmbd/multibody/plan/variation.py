@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from flexmbd.errors import SceneError
 from flexmbd.multibody.bodies.body import Body, FlexibleBody, Frame, RigidBody
-from flexmbd.multibody.contact.surface_contact import SurfaceContact, refuse_other_patches
+from flexmbd.multibody.contact.surface_contact import SurfaceContact, refuse_other_patches, refuse_other_surfaces
 from flexmbd.multibody.force.distributed_load import DistributedLoad
 from flexmbd.multibody.force.protocol import Force, SwitchValue
 from flexmbd.multibody.functions.callback import Callbacks
@@ -189,6 +189,8 @@ class _Variation:
         if isinstance(now, DistributedLoad):
             now = replace(now, body=self._index.now(now.body))
         now.check()
+        if isinstance(force, SurfaceContact):
+            refuse_other_surfaces(force, now)
         table = _Replay(self._scene, self._index, span.data.start, span.times.start, span, force)
         now.assemble(table)
         what = ", ".join(dict.fromkeys(self._scene.element_names[k] for k in rows.elements)) or type(force).__name__

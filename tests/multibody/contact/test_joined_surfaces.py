@@ -27,13 +27,13 @@ def flying(scene, body, name, place, turn):
     return body, free
 
 
-def between_planes():
-    """A body between two planes, and a third one at its side that its patches "one" touch alone."""
+def between_planes(share=1.0):
+    """A body between two planes, and a third one at its side, so near, that its patches "one" touch alone."""
     scene = fm.System()
     body, _ = flying(scene, patched_body(3, modes=4, patches=30), "body", (0.02, 0.01, 0.03), (0.1, 0.2, -0.04))
     ground, whole = scene.ground, contact.ElasticSurface(body)
     side = Rotation.from_euler("y", 70.0, degrees=True).as_matrix()
-    wall = contact.HalfSpace(ground.frame(p=-0.2 * side[:, 2], R=side))
+    wall = contact.HalfSpace(ground.frame(p=-0.2 * share * side[:, 2], R=side))
     pairs = [
         *scene.touch(whole, contact.HalfSpace(ground.frame(p=(0.0, 0.0, -0.22))), contact.Hard()),
         *scene.touch(whole, contact.HalfSpace(ground.frame(p=(0.0, 0.0, 0.20), R=DOWN)), contact.Hard()),
@@ -230,3 +230,19 @@ def test_records_with_other_patches_need_a_new_machine():
     run = machine.simulate(1e-9, rtol=1e-3, record=alike)
     before = machine.simulate(1e-9, rtol=1e-3)
     np.testing.assert_array_equal(run.contacts(pairs[0])[0].force[0], before.contacts(pairs[0])[0].force[0])
+
+
+def test_variants_of_joined_surfaces():
+    """By another place of a plane as a scene that is built so; by patches of which the group knows nothing, refused."""
+    scene, pairs = between_planes()
+    plane = pairs[2].frame_F
+    parameters = {"surface": fm.parameter.OfForce(pairs[2], "surface"), "place": fm.parameter.FrameOrigin(plane)}
+    machine = scene.compile(parameters=parameters)
+    with pytest.raises(SceneError, match="it cannot vary to other patches"):
+        machine.simulate(1e-9, rtol=1e-3, surface=contact.ElasticSurface(pairs[2].surface.body, "other"))
+    run = machine.simulate(1e-9, rtol=1e-3, place=0.9 * plane.p_BF_B)
+    anew, others = between_planes(0.9)
+    forces = [met.normal_force[0] for met in bearing(anew, others)]
+    np.testing.assert_array_equal(np.concatenate([run.contacts(pair)[0].normal_force[0] for pair in pairs]),
+                                  np.concatenate(forces))  # fmt: skip
+    assert forces[2].sum() > 1.1 * bearing(scene, pairs)[2].normal_force[0].sum() > 0.0
