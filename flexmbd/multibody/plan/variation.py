@@ -189,7 +189,7 @@ class _Variation:
         if isinstance(now, DistributedLoad):
             now = replace(now, body=self._index.now(now.body))
         now.check()
-        if isinstance(force, SurfaceContact):
+        if isinstance(force, SurfaceContact) and isinstance(now, SurfaceContact):
             refuse_other_surfaces(force, now)
         table = _Replay(self._scene, self._index, span.data.start, span.times.start, span, force)
         now.assemble(table)
