@@ -308,7 +308,7 @@ def test_two_cubes_that_hit_each_other_askew_keep_momentum():
     for h in (1e-3, 5e-4):
         pile = Pile([model((2, 2, 2), "z_max"), model((3, 3, 3), "z_min")], offset=0.01, gap=1e-3, mu=0.2, turn=turn)
         pile.let_fly((0.2, 0.0, -1.0))
-        run = pile.scene.simulate(0.03, h=h, integrator=fm.GeneralizedAlpha(rho=1.0))
+        run = pile.scene.simulate(0.02, h=h, integrator=fm.GeneralizedAlpha(rho=1.0))
         energy = sum(pile.energies(run).values()) + run.energy().kinetic
         assert pile.energies(run)["friction"][-1] > 1e-4
         lost.append(abs(energy / energy[0] - 1.0).max())
@@ -322,7 +322,11 @@ def test_two_cubes_that_hit_each_other_askew_keep_momentum():
 
 
 def test_rotations_meet_fields_of_cells():
-    """A foam with rotations of its own hits bricks with strains of their own, askew: both momenta, spins among them."""
+    """A foam with rotations of its own hits bricks with strains of their own: both momenta, spins among them.
+
+    In steps in which the phase of its rotations' own vibration goes on by 0.6 rad 3e-4 of angular momentum is lost; in
+    halves of these 1.5e-4.
+    """
     p = solid_micropolar.Parameters(E=1e6, nu=0.25, rho=1000.0, coupling=1e5, length=0.02, micro_inertia=1e-3)
     foam = NonlinearModel(
         meshes.block(*CUBE, divisions=(2, 2, 1), comm=MPI.COMM_SELF), solid_micropolar, p, degree=1,
@@ -335,12 +339,12 @@ def test_rotations_meet_fields_of_cells():
     pile = Pile([foam, bricks], offset=0.03, gap=1e-4, mu=0.2).let_fly((0.02, 0.0, -0.1))
     run = pile.scene.simulate(0.02, h=1e-3, integrator=fm.GeneralizedAlpha(rho=1.0))
     begun = np.array([0.02, 0.0, -0.1])
-    begun = np.append(begun, np.cross(pile.places[0], begun))
+    begun = np.append(begun, np.cross(pile.places[0] + [0.05, 0.0, 0.0], begun))
     gained = sum(momenta(one) for one in pile.interiors) - begun
-    print(gained, momenta(pile.interiors[0]), momenta(pile.interiors[1]))
-    assert pile.force(run)[-1].any() or abs(momenta(pile.interiors[1])[2]) > 0.03
+    assert momenta(pile.interiors[1])[2] < -0.03
+    assert pile.energies(run)["friction"][-1] > 1e-6
     assert abs(gained[:3]).max() < 1e-10
-    assert abs(gained[3:]).max() < 1e-3 * np.linalg.norm(begun[3:])
+    assert abs(gained[3:]).max() < 5e-4 * np.linalg.norm(begun[3:])
 
 
 def test_a_start_after_one_that_was_refused_is_looked_at_by_itself():

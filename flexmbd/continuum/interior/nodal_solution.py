@@ -113,7 +113,7 @@ class NodalSolution:
         """
         extent = self.extent_of(x)
         # accelerations are differences of places over the square of the step
-        return max(self.round_off, self.mass_size * extent / per_x, EPSILON * touch * extent)
+        return float(max(self.round_off, self.mass_size * extent / per_x, EPSILON * touch * extent))
 
     def axes(self, motion: FrameMotion) -> BodyAxes:
         """The body's axes with the frames as ``motion`` says."""
