@@ -170,7 +170,7 @@ def test_what_is_broken_does_not_heal():
         pulled(ImplicitContinuum(body), way, share * t_end, integrator=fm.GeneralizedAlpha(), h=h, rtol=1e-6)
         found.append((damage(body).copy(), body.history()[0].copy()))
     for (d, seen), (later, more) in itertools.pairwise(found):
-        assert (more >= seen).all()
+        assert (more >= (1 - 1e-12) * seen).all()  # of two runs
         assert (later >= d - 1e-6).all()
     assert found[0][0].max() > 0.2
 

@@ -232,7 +232,7 @@ class LinearModel(PicturedModel):
         at.x.scatter_forward()
         return self.tied(assembly.assemble({"tangent stiffness": forms}, self.groups, self.space)[0])
 
-    @cached_property
+    @property
     def tied_dofs(self) -> NDArray[np.bool_]:
         """(owned dofs,) whether a dof follows others by ties."""
         follows = np.zeros(self.n_owned, dtype=bool)
