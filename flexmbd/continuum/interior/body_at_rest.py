@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +12,7 @@ from flexmbd.continuum.history.nonlinear_model import NonlinearModel
 from flexmbd.continuum.interior.linear_interior import linear_equations
 from flexmbd.continuum.interior.loads_in_motion import LoadsInMotion
 from flexmbd.continuum.interior.nodal_solution import NodalSolution
-from flexmbd.continuum.interior.step_equations import NodalState, RestEquations
+from flexmbd.continuum.interior.step_equations import NodalState, RestEquations, StepEnd
 from flexmbd.errors import SceneError
 from flexmbd.multibody.bodies.continuum_body import FrameMotion
 from flexmbd.multibody.interiors.steady import InteriorModes, LinearInterior
@@ -24,37 +23,28 @@ FloatArray = NDArray[np.float64]
 _AT_REST = (np.inf, 1.0)
 
 
-@dataclass(frozen=True, eq=False)
-class RestingBody:
-    """The balance that was found.
-
-    Attributes:
-        x: (local nodes, 3) m, inertial.
-        increment: (local dofs,) m, displacement since the last accepted step.
-        load: (owned nodes, 3) N, in inertial axes, that acts there.
-        wrenches, slopes: as of `SteadyInterior.equilibrate`.
-    """
-
-    x: FloatArray
-    increment: FloatArray
-    load: FloatArray
-    wrenches: FloatArray
-    slopes: FloatArray
-
-
 def balance_at_rest(
-    nodes: NodalSolution, loads: LoadsInMotion, t: float, motion: FrameMotion, *, guess: FloatArray, gravity: FloatArray
-) -> RestingBody:
-    """Find it under the loads at t (s), from a guess (local dofs,) m of the increment. Collective."""
+    nodes: NodalSolution, loads: LoadsInMotion, now: NodalState, t: float, motion: FrameMotion, *, guess: FloatArray,
+    gravity: FloatArray,
+) -> tuple[StepEnd, FloatArray, FloatArray]:
+    """Find it under the loads at t (s), from a guess (local dofs,) m of the increment since ``now``. Collective.
+
+    Returns:
+        The state at rest; wrenches and slopes as of `SteadyInterior.equilibrate`.
+    """
     body, axes = nodes.body, nodes.axes(motion)
-    apparent = np.zeros_like(body.layout.node_x) - gravity
+    still = np.zeros_like(body.layout.node_x)
     trial = loads.at(loads.applied.values(t), axes)
-    at_rest = RestEquations(body, axes.to_body(nodes.inertia(apparent)), trial, nodes.round_off)
+    at_rest = RestEquations(body, axes.to_body(nodes.inertia(still - gravity)), trial, nodes.round_off)
     solution = nodes.solve(guess, motion, axes, at_rest)
     x: FloatArray = axes.positions(solution.increment)
-    response = nodes.response(solution, at_rest, motion, x=x, apparent=apparent, slopes=_AT_REST)
-    force = axes.to_inertial(trial.force(solution.increment))
-    return RestingBody(x, solution.increment, force, response.wrenches, response.slopes)
+    response = nodes.response(solution, at_rest, motion, x=x, apparent=still - gravity, slopes=_AT_REST)
+    turns = None
+    if nodes.turning is not None and now.turns is not None:
+        turns = nodes.turning.rested(now.turns, solution.increment, axes.R)
+    state = NodalState(t, x, still + motion.v[0], still, still, 0.0, turns)
+    end = StepEnd(state, solution.increment, axes.to_inertial(trial.force(solution.increment)), (), 0.0, motion.R)
+    return end, response.wrenches, response.slopes
 
 
 def linear_at_rest(

@@ -28,10 +28,10 @@ from flexmbd.continuation.line_search import ShareTrial, by_work, searched
 from flexmbd.continuum.history.displacement_newton import NO_FORCES, TRIALS, WORK_RATIO, LinearConstraints
 from flexmbd.continuum.history.tangent_solver import LinearSolver
 from flexmbd.continuum.interior.condensed_part import BodyTrial, CondensedPart
+from flexmbd.continuum.interior.corrected_body import CorrectedBody
 from flexmbd.continuum.interior.facing_contacts import FacingContacts, FacingForces
 from flexmbd.continuum.interior.frame_response import FrameColumns
 from flexmbd.continuum.interior.joined_unknowns import CoupledFactor, JoinedFactor, JoinedUnknowns, OwnFactor
-from flexmbd.continuum.interior.touched_nodes import TouchedNodes
 from flexmbd.continuum.matrices.blocks import inner, multiply
 from flexmbd.multibody.bodies.continuum_body import FrameMotion
 
@@ -314,7 +314,7 @@ class CondensedNewton:
         return self._answers(corrected, columns, spans, followed, changes, turn)
 
     def _answers(
-        self, corrected: list[_Corrected], columns: list[FrameColumns], spans: list[slice], followed: FloatArray,
+        self, corrected: list[CorrectedBody], columns: list[FrameColumns], spans: list[slice], followed: FloatArray,
         changes: FloatArray, turn: FloatArray,
     ) -> tuple[list[FloatArray], FloatArray]:
         """Wrenches of each body and slopes (c, c), of which all is kept that the next iterations need. Collective."""
@@ -335,11 +335,11 @@ class CondensedNewton:
 
     def _corrected(
         self, trials: Sequence[BodyTrial], found: _TriedPlace, change: FloatArray, residual: FloatArray
-    ) -> list[_Corrected]:
+    ) -> list[CorrectedBody]:
         """Each body where the linearised nodes are in balance. Collective."""
         split = self._unknowns.split
         each = zip(self._parts, trials, found.increments, split(change), split(residual), strict=True)
-        return [_Corrected.of(*one) for one in each]
+        return [CorrectedBody.of(*one) for one in each]
 
     def _product(self, change: FloatArray) -> FloatArray:
         """The last tangent, with its rows of nodes on frames, times a displacement (owned dofs,). Collective."""
@@ -361,57 +361,6 @@ class CondensedNewton:
 
     def _total(self, part: float) -> float:
         return float(self._parts[0].bonds.total(np.array(part)))
-
-
-@dataclass(frozen=True, eq=False)
-class _Corrected:
-    """A body where its linearised nodes are in balance.
-
-    Attributes:
-        part, trial: of the body.
-        increment: (local dofs,) m.
-        residual: (owned nodes, 3) N, in inertial axes, of internal and inertia forces less loads and contact.
-        couples: (k, 6) as of `Condensation.condense`.
-        touched: contact with shapes there, where it may touch some.
-    """
-
-    part: CondensedPart
-    trial: BodyTrial
-    increment: FloatArray
-    residual: FloatArray
-    couples: FloatArray
-    touched: TouchedNodes | None
-
-    @classmethod
-    def of(
-        cls, part: CondensedPart, trial: BodyTrial, increment: FloatArray, change: FloatArray, residual: FloatArray
-    ) -> _Corrected:
-        """From increments (local dofs,) m, with a change and a residual (owned dofs,). Collective."""
-        equations, touched = trial.equations, None
-        if equations.contacts.touches:
-            touched = equations.touched(equations.motion(increment)[0])
-            touched = touched.moved(part.body.complete_nodes(equations.axes.to_inertial(change.copy())))
-        couples = part.bonds.turns.wrenches(residual, trial.motion.R, equations.axes.R)
-        inertial = equations.axes.to_inertial(residual)
-        return cls(part, trial, part.with_ghosts(increment, change), inertial, couples, touched)
-
-    def wrenches(self) -> FloatArray:
-        """(k, 6) on the frames. Collective."""
-        equations, bonds, frames = self.trial.equations, self.part.bonds, self.part.frames
-        arms = equations.axes.positions(self.increment, bonds.nodes) - self.trial.motion.p[bonds.frame_of]
-        forces = frames.nodal_forces(self.residual, equations.held_accelerations - equations.step.gravity)
-        couples = self.couples + frames.frame_couples(self.trial.motion)
-        return frames.with_shapes(bonds.wrenches(forces, arms) + couples, self.touched)
-
-    def columns(self, facing: FloatArray) -> FrameColumns:
-        """What the frames' unit motions do; facing: (owned nodes, 3) N, by other bodies of its kind. Collective."""
-        equations = self.trial.equations
-        x, a = equations.motion(self.increment)
-        return self.part.frames.columns_of(
-            self.part.tangent, self.residual, self.trial.motion, x=x, apparent_acceleration=a - equations.step.gravity,
-            dead_load=equations.axes.to_inertial(equations.loads.dead) + facing,
-            slopes=equations.step.scheme.slopes(equations.step.h), touched=self.touched,
-        )  # fmt: skip
 
 
 def _relative(norm: float, energy: float, first: float) -> float:

@@ -200,6 +200,8 @@ class CoupledBodies:
         """
         self.forget()
         row = member.row
+        if row in self._begun:  # of a start that was refused
+            self._begun = {}
         self._begun[row] = x, axes
         sizes = {k: one.nodes.extent_of(one.body.layout.node_x) for k, one in enumerate(self.members)}
         self.facing.begin(row, self._begun, sizes)

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import TypeAlias
 
 from petsc4py import PETSc
 
@@ -21,13 +20,11 @@ from flexmbd.continuum.interior.bonded_nodes import BondedNodes
 from flexmbd.continuum.interior.face_averages import FaceAverages
 from flexmbd.continuum.interior.nodal_turns import TurningNodes
 from flexmbd.continuum.interior.touched_nodes import TouchedNodes
+from flexmbd.continuum.interior.unit_motion import UnitMotion, crossed, unit_motion
 from flexmbd.continuum.matrices.blocks import multiply
 from flexmbd.multibody.bodies.continuum_body import FrameMotion
 
 FloatArray = NDArray[np.float64]
-
-#: Of a frame's unit motion: displacement and acceleration of the interface nodes (n, 3), its rotation, shift (3,).
-_UnitMotion: TypeAlias = tuple[FloatArray, FloatArray, FloatArray, FloatArray]
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,7 +68,7 @@ class FrameColumns:
     R: FloatArray
     motion: FrameMotion
     slopes: tuple[float, float]
-    moves: tuple[_UnitMotion, ...]
+    moves: tuple[UnitMotion, ...]
     carried: FloatArray
     relative: FloatArray
     given: FloatArray
@@ -222,7 +219,7 @@ class Condensation:
         own_columns = 6 * len(bonds.frames)
         columns = range(6 * len(motion.p))
         arms = x[nodes] - motion.p[bonds.frame_of]
-        moves = [_unit_motion(bonds, arms, motion, j, per_x, per_v) for j in range(own_columns)]
+        moves = [unit_motion(bonds, arms, motion, j, per_x, per_v) for j in range(own_columns)]
         own, averaged = bonds.own, bonds.own & bonds.averaged
         # of each column at owned nodes, in inertial axes
         carried, relative, accelerations, turned, constraint_forces = np.zeros((5, len(columns), n, 3))
@@ -230,16 +227,16 @@ class Condensation:
             # what the nodes move against the body's axes, which the first frame carries
             relative[j, nodes[own]] = dx[own]
             if j < 6:
-                carried[j] = shift + _crossed(turn, x[:n] - motion.p[0])
+                carried[j] = shift + crossed(turn, x[:n] - motion.p[0])
                 relative[j] -= carried[j]
-                turned[j] = _crossed(turn, internal)
+                turned[j] = crossed(turn, internal)
                 if touched is not None:  # what touches goes by the whole motion
                     turned[j] -= self._on_nodes(touched, touched.changes(carried[j, touched.nodes]))
             accelerations[j] = (-1.0 / per_x) * relative[j]
             accelerations[j, nodes[own]] += da[own]
             # the forces that keep the averages turn with their frame
             mine = averaged & (bonds.frame_of == j // 6)
-            constraint_forces[j, nodes[mine]] = _crossed(turn, nodal_forces[mine])
+            constraint_forces[j, nodes[mine]] = crossed(turn, nodal_forces[mine])
         if touched is not None:
             for j in columns[own_columns:]:
                 turned[j] = -self._on_nodes(touched, touched.by_frame(*divmod(j - own_columns, 6)))
@@ -303,7 +300,7 @@ class Condensation:
         return np.zeros((k, 6)) if self.turning is None else self.turning.frame_couples(motion)
 
     def _accelerated(
-        self, fields: FloatArray, given: FloatArray, moves: Sequence[_UnitMotion], R: FloatArray, per_x: float
+        self, fields: FloatArray, given: FloatArray, moves: Sequence[UnitMotion], R: FloatArray, per_x: float
     ) -> FloatArray:
         """(owned dofs, k) accelerations by unit motions, beside what the tangent has of them.
 
@@ -327,7 +324,7 @@ class Condensation:
         return accelerated
 
     def _given(
-        self, fields: FloatArray, moves: Sequence[_UnitMotion], motion: FrameMotion, R: FloatArray
+        self, fields: FloatArray, moves: Sequence[UnitMotion], motion: FrameMotion, R: FloatArray
     ) -> FloatArray:
         """(owned dofs, k) of fields (k, owned nodes, 3) in body axes, and of unknowns that turn with the frames."""
         turns, given = self.bonds.turns, self.columns(fields)
@@ -339,7 +336,7 @@ class Condensation:
     def _wrench_change(
         self,
         j: int,
-        step: _UnitMotion | None,
+        step: UnitMotion | None,
         changes: FloatArray,
         moved: FloatArray,
         nodal_forces: FloatArray,
@@ -362,14 +359,14 @@ class Condensation:
             _, da, turn, _ = step
             forces[~bonds.averaged] += bonds.mass[~bonds.averaged, None] * da[~bonds.averaged]
             # the arms turn with their frame
-            arm_changes = np.where((bonds.frame_of == j // 6)[:, None], _crossed(turn, arms), 0.0)
+            arm_changes = np.where((bonds.frame_of == j // 6)[:, None], crossed(turn, arms), 0.0)
         arm_changes[averaged] += moved[bonds.nodes[averaged]]  # averaged nodes move
         wrench = bonds.wrenches(forces, arms)
         wrench[:, 3:] += bonds.wrenches(nodal_forces, arm_changes)[:, 3:]
         return wrench
 
     def _couple_change(
-        self, j: int, step: _UnitMotion | None, change: FloatArray, couples: FloatArray, motion: FrameMotion,
+        self, j: int, step: UnitMotion | None, change: FloatArray, couples: FloatArray, motion: FrameMotion,
         R: FloatArray,
     ) -> FloatArray:
         """(k, 6) change of the couples (k, 6) that hold rotations, by column j; ``change`` (owned dofs,) of forces."""
@@ -377,7 +374,7 @@ class Condensation:
         if step is not None:
             # they turn with the body's axes, and half with what their frame turns against these
             share = 0.5 * (np.arange(len(couples)) == j // 6) + (0.5 if j < 6 else 0.0)
-            found[:, 3:] += share[:, None] * _crossed(step[2], couples[:, 3:])
+            found[:, 3:] += share[:, None] * crossed(step[2], couples[:, 3:])
         return found
 
     def columns(self, fields: FloatArray, *, further: FloatArray | None = None) -> FloatArray:
@@ -417,42 +414,3 @@ class Condensation:
         if not layout.has_further:
             return columns.T.reshape(columns.shape[1], -1, 3)
         return layout.displacements(columns).transpose(2, 0, 1)
-
-
-def _crossed(w: FloatArray, vectors: FloatArray) -> FloatArray:
-    """w x each of vectors (n, 3); numpy's own takes several times as long."""
-    return np.asarray(vectors @ np.array([[0.0, w[2], -w[1]], [-w[2], 0.0, w[0]], [w[1], -w[0], 0.0]]))
-
-
-def _unit_motion(
-    bonds: BondedNodes, arms: FloatArray, motion: FrameMotion, j: int, per_x: float, per_v: float
-) -> _UnitMotion:
-    """What a unit displacement or rotation of a frame does to its nodes.
-
-    Returns:
-        (interface nodes, 3) their displacement and acceleration; (3,) the frame's rotation and shift.
-    """
-    k, axis = divmod(j, 6)
-    mine = bonds.frame_of == k
-    dx, da = np.zeros((2, len(arms), 3))
-    shift, turn = np.zeros((2, 3))
-    if axis < 3:
-        shift[axis] = 1.0
-        dx[mine], da[mine] = shift, shift / per_x
-        return dx, da, turn, shift
-    turn[axis - 3] = 1.0
-    arm, w, alpha = arms[mine], motion.w[k], motion.alpha[k]
-    moved, dw = _crossed(turn, arm), per_v / per_x * turn
-    dx[mine] = moved
-    if bonds.averaged[mine].any():
-        # they go by the scheme as all free nodes do
-        da[mine] = moved / per_x
-        return dx, da, turn, shift
-    da[mine] = (
-        moved / per_x
-        + _crossed(alpha, moved)
-        + _crossed(dw, _crossed(w, arm))
-        + _crossed(w, _crossed(dw, arm))
-        + _crossed(w, _crossed(w, moved))
-    )
-    return dx, da, turn, shift

@@ -32,11 +32,16 @@ def owned_further_dofs(body: NonlinearModel) -> NDArray[np.int64]:
 
 
 def kinds_of_unknowns(body: NonlinearModel) -> Sequence[NDArray[np.integer] | slice]:
-    """This rank's own dofs of the displacement and of each further field: values of two kinds have unlike units."""
-    if not body.layout.has_further:
+    """This rank's own dofs of each kind, whose energies are of one sign: all that moves; and of a field what does not.
+
+    Rotations move, wherever the unknown has them. Collective.
+    """
+    layout = body.layout
+    if not layout.has_further:
         return [slice(None)]
-    displacements = body.displacement_dofs[: body.layout.n_owned_nodes].reshape(-1)
-    return [displacements, *(field.dofs[field.dofs < body.n_owned] for field in body.layout.fields[1:])]
+    moves = layout.kinematic
+    still = [field.dofs[(field.dofs < body.n_owned) & ~moves[field.dofs]] for field in layout.fields]
+    return [np.flatnonzero(moves[: body.n_owned]), *still]
 
 
 def with_unit_rows_of_further_unknowns(body: NonlinearModel, mass: PETSc.Mat) -> PETSc.Mat:

@@ -28,11 +28,12 @@ from flexmbd.continuum.interior.halved_steps import HalvedSteps
 from flexmbd.continuum.interior.implicit_contacts import ImplicitContacts
 from flexmbd.continuum.interior.loads_in_motion import LoadsInMotion
 from flexmbd.continuum.interior.nodal_energies import kinetic_energy, weight_energy
+from flexmbd.continuum.interior.nodal_memory import nodes_recalled, nodes_remembered
 from flexmbd.continuum.interior.nodal_solution import NodalSolution
-from flexmbd.continuum.interior.nodal_turns import recalled, remembered
 from flexmbd.continuum.interior.plane_motion import PlaneMotion
 from flexmbd.continuum.interior.shape_contacts import check_surface
 from flexmbd.continuum.interior.staggered_fields import StaggeredFields
+from flexmbd.continuum.interior.start_in_balance import begin_balanced
 from flexmbd.continuum.interior.step_equations import NodalState, StepEnd, StepEquations, TriedStep
 from flexmbd.continuum.interior.turn_watch import TurnWatch
 from flexmbd.errors import SceneError
@@ -50,7 +51,6 @@ from flexmbd.multibody.interiors.observed import InteriorFields, InteriorMesh
 from flexmbd.multibody.interiors.steady import InteriorModes, LinearInterior
 from flexmbd.multibody.interiors.time_factor import TimeFactor
 from flexmbd.multibody.interiors.touching_interior import FacingSurface, Obstacle, ReducedFacets
-from flexmbd.round_off import EPSILON
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -134,7 +134,7 @@ class ImplicitContinuum:
         self._contacts.begin(x, motion)
         self._among.begin(x, self._nodes.axes(motion))
         if self._begins_fresh and not self._loads.applied.any_heat:
-            return self._start_accelerations(motion, -self._loads.now, np.zeros(body.n_owned))
+            return self._start(motion, -self._loads.now, np.zeros(body.n_owned))
         # what holds the body in its shape at rest: warm, with voltages, or deformed before
         still: FloatArray = np.zeros(body.layout.n_local)
         if body.layout.has_further and self._nodes.turning is None:
@@ -158,14 +158,10 @@ class ImplicitContinuum:
         """See `SteadyInterior.equilibrate`. Collective."""
         refuse_restless(self.body, [*self._contacts.names, *self._among.names])
         guess = np.zeros(self.body.layout.n_local) if self._trial is None else self._trial.increment
-        found = balance_at_rest(self._nodes, self._loads, t, motion, guess=guess, gravity=self._gravity)
-        still = np.zeros_like(found.x)
-        state = NodalState(t, found.x, still + motion.v[0], still, still, 0.0)
-        turning, turns = self._nodes.turning, self._current_state().turns
-        if turning is not None and turns is not None:
-            state = replace(state, turns=turning.rested(turns, found.increment, self._nodes.axes(motion).R))
-        self._trial = StepEnd(state, found.increment, found.load, (), 0.0, motion.R)
-        return found.wrenches, found.slopes
+        self._trial, wrenches, slopes = balance_at_rest(
+            self._nodes, self._loads, self._current_state(), t, motion, guess=guess, gravity=self._gravity
+        )
+        return wrenches, slopes
 
     def linear(self, motion: FrameMotion, modes: InteriorModes) -> LinearInterior:
         """See `SteadyInterior.linear`; modes by block Lanczos, converged to a residual of 1e-12. Collective."""
@@ -234,31 +230,22 @@ class ImplicitContinuum:
 
     def snapshot(self) -> Memory:
         """See `Interior.snapshot`. Collective."""
-        now, memory = self._current_state(), self._memory
-        arrays = {name: memory.gather_nodes(getattr(now, name)) for name in _NODAL}
-        numbers = {"times": np.array([now.t, now.h]), "gravity": self._gravity.copy()}
-        if now.turns is not None:
-            arrays |= {**remembered(now.turns, memory), "turned frames": self._bonds.turns.accepted.copy()}
-        arrays["load"] = memory.gather_nodes(self._loads.now)
-        numbers |= {"load work": np.array(self._loads.work), "begun": self._loads.R_begun.copy()}
+        memory = self._memory
+        own = {**nodes_remembered(self._current_state(), memory), **self._loads.snapshot(memory)}
+        if self._bonds.turns.any:
+            own["turned frames"] = self._bonds.turns.accepted.copy()
         touch = {**self._contacts.snapshot(), **self._among.snapshot(memory)}
-        return {**arrays, **numbers, **memory.gather(self.body.snapshot()), **touch}
+        return {**own, "gravity": self._gravity.copy(), **memory.gather(self.body.snapshot()), **touch}
 
     def restore(self, memory: Memory) -> None:
         """See `Interior.restore`. Collective."""
         arrays = {name: np.asarray(values, dtype=float) for name, values in memory.items()}
         self.body.restore(self._memory.scatter(arrays))
-        nodal = {name: self._memory.scatter_nodes(arrays[name]) for name in _NODAL}
-        t, h = (float(value) for value in arrays["times"])
         self._set_gravity(arrays["gravity"].copy())
-        self._loads.R_begun = arrays["begun"].copy()
-        self._loads.work = float(arrays["load work"])
-        self._loads.now = self._memory.scatter_nodes(arrays["load"])[: self.body.layout.n_owned_nodes]
-        turns = None
-        if self._nodes.turning is not None:
-            turns = recalled(arrays, self._memory)
+        self._loads.restore(arrays, self._memory)
+        self._state = nodes_recalled(arrays, self._memory, turns=self._nodes.turning is not None)
+        if self._bonds.turns.any:
             self._bonds.turns.accepted = arrays["turned frames"].copy()
-        self._state = NodalState(t=t, h=h, turns=turns, **nodal)
         self._contacts.restore(arrays)
         self._among.restore(self._memory, arrays)
         if self._halved is not None:
@@ -384,20 +371,10 @@ class ImplicitContinuum:
         """The step to try, the last one if it is the same. Collective."""
         step = self._step
         if step is None or (step.t_end, step.h, step.scheme) != (t_end, h, scheme):
-            now = self._current_state()
-            if now.h > 0.0:
-                turns = now.turns
-                if turns is not None:
-                    turns = replace(turns, auxiliary=scheme.carry(turns.auxiliary, h, now.h, turns.a))
-                now = replace(now, auxiliary=scheme.carry(now.auxiliary, h, now.h, now.a), turns=turns)
-            nodes = self._nodes
-            extent, touch = nodes.extent_of(now.x), np.hypot(self._contacts.stiffness, self._among.stiffness())
-            # accelerations are differences of places over the square of the step
-            round_off = max(
-                nodes.round_off, nodes.mass_size * extent / scheme.slopes(h)[0], EPSILON * touch * extent
-            )
+            now, touch = self._current_state(), float(np.hypot(self._contacts.stiffness, self._among.stiffness()))
+            round_off = self._nodes.round_off_of_step(now.x, scheme.slopes(h)[0], touch)
             factors = self._loads.factors_before(t_end)
-            self._step = step = TriedStep(t_end, h, scheme, now, factors, self._gravity, round_off)
+            self._step = step = TriedStep(t_end, h, scheme, now.carried(h, scheme), factors, self._gravity, round_off)
         return step
 
     def _equations(self, t_end: float, h: float, scheme: Scheme, motion: FrameMotion) -> StepEquations:
@@ -429,49 +406,20 @@ class ImplicitContinuum:
         self._among.forget()
 
     def _start_in_shape(self, motion: FrameMotion) -> FloatArray:
-        """As `_start_accelerations`, of the body as it is deformed and touches. Collective."""
+        """As `_start`, of the body as it is deformed and touches. Collective."""
         axes = self._nodes.axes(motion)
         internal = self.body.force(np.zeros(self.body.layout.n_local), dt=0.0)
         acting = self._loads.now + self.body.condense_nodes(self._contacts.nodal()) + self._among.nodal()
-        return self._start_accelerations(motion, axes.to_inertial(internal) - acting, internal)
+        return self._start(motion, axes.to_inertial(internal) - acting, internal)
 
-    def _start_accelerations(self, motion: FrameMotion, internal: FloatArray, unknowns: FloatArray) -> FloatArray:
-        """Set the accelerations that internal forces cause. Collective.
-
-        Args:
-            motion: of the frames.
-            internal: (owned nodes, 3) N, less what acts, in inertial axes.
-            unknowns: (owned dofs,) forces of unknowns beside the displacement, in the body's axes.
-
-        Returns:
-            (k, 6) wrenches on the frames.
-        """
-        nodes, bonds, gravity = self._nodes, self._bonds, self._gravity
+    def _start(self, motion: FrameMotion, internal: FloatArray, unknowns: FloatArray) -> FloatArray:
+        """See `begin_balanced`; wrenches on the frames of all that it touches as well. Collective."""
         # a node has one mass along all axes: these may be inertial, but for dofs that are held in the body's
-        R = nodes.axes(motion).R if self._plane.is_plane else np.eye(3)
-        a = nodes.accelerations(motion, self._weight - internal, R=R)
-        self._state = replace(self._current_state(), a=a, auxiliary=a.copy())
-        held = a[nodes.bonded] - gravity
-        nodal_forces = nodes.frames.nodal_forces(internal + nodes.inertia(a - gravity), held)
-        wrenches = bonds.wrenches(nodal_forces, bonds.arms(motion)) + self._start_turns(motion, unknowns)
+        R = self._nodes.axes(motion).R if self._plane.is_plane else np.eye(3)
+        self._state, wrenches = begin_balanced(
+            self._nodes, self._current_state(), motion, weight=self._weight, gravity=self._gravity, internal=internal,
+            unknowns=unknowns, R=R,
+        )  # fmt: skip
         if self._contacts.touches:
-            wrenches = np.vstack([wrenches, bonds.total(self._contacts.wrenches())])
+            wrenches = np.vstack([wrenches, self._bonds.total(self._contacts.wrenches())])
         return self._among.widened(wrenches)
-
-    def _start_turns(self, motion: FrameMotion, unknowns: FloatArray) -> FloatArray:
-        """Set the rates of spins that forces of rotations (owned dofs,) cause. Collective.
-
-        Returns:
-            (k, 6) wrenches on the frames.
-        """
-        nodes, now = self._nodes, self._current_state()
-        R = nodes.axes(motion).R
-        if nodes.turning is not None and now.turns is not None:
-            turns, forces = nodes.turning.started(now.turns, motion, unknowns)
-            self._state = replace(now, turns=turns)
-            unknowns = unknowns.copy()
-            unknowns[nodes.turning.inertia.own] += forces
-        return self._bonds.turns.wrenches(unknowns, motion.R, R) + nodes.frames.frame_couples(motion)
-
-
-_NODAL = ("x", "v", "a", "auxiliary")

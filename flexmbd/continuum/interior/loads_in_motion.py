@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexmbd.continuum.history.applied_loads import AppliedLoads, TrialLoads, beside
+from flexmbd.continuum.history.body_memory import BodyMemory
 from flexmbd.continuum.history.loads import BodyLoad, CentrifugalLoad
 from flexmbd.continuum.history.nonlinear_model import NonlinearModel
 from flexmbd.continuum.interior.bonded_nodes import BondedNodes
@@ -89,6 +90,15 @@ class LoadsInMotion:
     def energies(self) -> dict[str, float]:
         """J, minus the work done; nothing without loads."""
         return {"loads": -self.work} if self.applied.any else {}
+
+    def snapshot(self, memory: BodyMemory) -> dict[str, FloatArray]:
+        """Copies of what they remember, of the whole body. Collective."""
+        return {"load": memory.gather_nodes(self.now), "load work": np.array(self.work), "begun": self.R_begun.copy()}
+
+    def restore(self, kept: Mapping[str, FloatArray], memory: BodyMemory) -> None:
+        """Go back to a snapshot, on any number of ranks. Collective."""
+        self.now, self.work = memory.scatter_nodes(kept["load"])[: self._n], float(kept["load work"])
+        self.R_begun = kept["begun"].copy()
 
     def resultants(self, t: float, x: FloatArray) -> Mapping[str, FloatArray]:
         """(3,) N of each load by name, in inertial axes, with nodes at x (local nodes, 3). Collective."""

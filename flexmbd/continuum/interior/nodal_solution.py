@@ -103,6 +103,18 @@ class NodalSolution:
         """m, the largest coordinate of the body's nodes on all ranks, x (local nodes, 3) on this one. Collective."""
         return float(max(self.body.comm.allgather(abs(x).max(initial=0.0))))
 
+    def round_off_of_step(self, x: FloatArray, per_x: float, touch: float) -> float:
+        """N, 2-norm of what rounding leaves of a step's residual. Collective.
+
+        Args:
+            x: (local nodes, 3) m.
+            per_x: s^2, of `Scheme.slopes`.
+            touch: N/m, 2-norm of the stiffness of contacts.
+        """
+        extent = self.extent_of(x)
+        # accelerations are differences of places over the square of the step
+        return float(max(self.round_off, self.mass_size * extent / per_x, EPSILON * touch * extent))
+
     def axes(self, motion: FrameMotion) -> BodyAxes:
         """The body's axes with the frames as ``motion`` says."""
         return BodyAxes(self.body, *self.bonds.pose(motion))

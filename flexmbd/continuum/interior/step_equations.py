@@ -7,7 +7,7 @@ axes, which the first interface frame carries.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 from petsc4py import PETSc
@@ -49,6 +49,15 @@ class NodalState:
     auxiliary: FloatArray
     h: float
     turns: TurnState | None = None
+
+    def carried(self, h: float, scheme: Scheme) -> NodalState:
+        """With auxiliary accelerations for a step of the length h, s."""
+        if self.h == 0.0:
+            return self
+        turns = self.turns
+        if turns is not None:
+            turns = replace(turns, auxiliary=scheme.carry(turns.auxiliary, h, self.h, turns.a))
+        return replace(self, auxiliary=scheme.carry(self.auxiliary, h, self.h, self.a), turns=turns)
 
 
 @dataclass(frozen=True, eq=False)
