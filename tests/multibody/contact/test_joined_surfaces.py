@@ -198,6 +198,7 @@ def friction_told(share, mu):
     scene = fm.System()
     body = patched_body(3, modes=4, patches=30)
     group = body.record.contact
+    assert group is not None
     apart = group.surface[:, None] != group.surface
     G = np.where(np.repeat(np.repeat(apart, 3, axis=0), 3, axis=1), share * group.G, group.G)
     body = fm.FlexibleBody(replace(body.record, contact=replace(group, G=G)))
