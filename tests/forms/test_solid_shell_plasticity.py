@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 from mpi4py import MPI
 
+import basix.ufl
 import numpy as np
 import pytest
 import ufl
@@ -12,8 +13,10 @@ from full_model import gather
 from flexmbd import meshes
 from flexmbd.continuum import NonlinearModel, follow, wall_form
 from flexmbd.continuum.contract.quadrature import is_rule, points_and_weights
+from flexmbd.continuum.contract.ufl_values import evaluate_expanded
 from flexmbd.errors import FormulationError
 from flexmbd.forms import (
+    _thin_wall,
     hencky_plasticity,
     j2_plasticity,
     solid_micropolar,
@@ -144,6 +147,43 @@ def test_bends_far_at_constant_volume():
     moved = x + body.displacement[dofs]
     top = x[:, 2] > 0
     assert moved[top, 2] - moved[~top, 2] == pytest.approx(size, rel=20 * YIELD / E)
+
+
+@pytest.mark.parametrize("by_volume", [False, True])
+def test_virtual_work_is_on_the_variation_of_the_strain(by_volume):
+    """By differences, of strains and fields of any size at a corner of a cell that is askew."""
+    rng = np.random.default_rng(5)
+    element = solid_shell.element("hexahedron", 3, 1)
+    space = ufl.FunctionSpace(ufl.Mesh(basix.ufl.element("Lagrange", "hexahedron", 1, shape=(3,))), element)
+    w, v, n = ufl.Coefficient(space), ufl.Coefficient(space), element.reference_value_size
+    corners = np.array([[i & 1, i >> 1 & 1, i >> 2] for i in range(8)]) + 0.2 * rng.uniform(-1, 1, (8, 3))
+    edge = np.eye(3) + 0.2 * rng.uniform(-1, 1, (3, 3))
+    at, along = [(0.2 * rng.uniform(-1, 1, n), 0.2 * rng.uniform(-1, 1, (n, 3))) for _ in range(2)]
+    stress = rng.uniform(-1, 1, (3, 3))
+    stress = ufl.as_matrix((stress + stress.T).tolist())
+    wall = _thin_wall.assumed_strain(w, ufl.as_ufl(1.0), by_volume=by_volume)
+    pairs = (
+        (ufl.inner(stress, wall.strain), wall.virtual_work(stress, v)),
+        (wall.ties[0][0], wall.virtual_ties(v)[0][0]),
+    )
+
+    def value(density, share):
+        moved = [a + share * b for a, b in zip(at, along, strict=True)]
+        known = {
+            ufl.classes.CellVertices: lambda _: corners,
+            ufl.classes.SpatialCoordinate: lambda _: corners[5],
+            ufl.classes.Jacobian: lambda _: edge,
+            ufl.classes.JacobianDeterminant: lambda _: np.linalg.det(edge),
+            w: moved.__getitem__,
+            v: along.__getitem__,
+        }
+        return evaluate_expanded(density, known)
+
+    for density, virtual in pairs:
+        density, virtual = (ufl.algorithms.expand_derivatives(one) for one in (density, virtual))
+        slope = (value(density, 1e-5) - value(density, -1e-5)) / 2e-5
+        assert abs(slope) > 1e-3
+        assert value(virtual, 0.0) == pytest.approx(slope, rel=1e-7)
 
 
 def test_a_law_of_an_energy_in_a_wall_is_the_shipped_solid_shell():
