@@ -9,7 +9,8 @@ displacement's):
 - transverse shear: E_13 and E_23 in the middle of the cell's edges, between which they are linear
   (Dvorkin & Bathe 1984); neighbours share these values, so that cells may be askew;
 - thickness strain: E_33 at the corners, between which it is bilinear (Betsch & Stein 1995), and
-  besides linear through the thickness, where the stress has no say (Buechter, Ramm & Roehl 1994);
+  besides linear through the thickness, where the stress has no say (Buechter, Ramm & Roehl 1994); or, where walls
+  bend far and yield, the change of volume in its place, as flow keeps that: sqrt(C_33) times the area in the wall;
 - membrane strain: four incompatible modes, so that the wall bends in its own plane (Simo & Rifai
   1990).
 
@@ -41,12 +42,12 @@ class _StrainPart(NamedTuple):
     Attributes:
         tensor: (3, 3), symmetric.
         amount: of the fields of the cell, linear in them.
-        edges: (3,) each, between which the displacement's strain is taken; None: the part is on top of it.
+        own: (3, 3), symmetric, whose product with the displacement's strain is what that has of it; zero: on top of it.
     """
 
     tensor: Expr
     amount: Callable[[_Fields], Expr]
-    edges: tuple[Expr, Expr] | None
+    own: Expr
 
 
 class _Tie(NamedTuple):
@@ -54,22 +55,36 @@ class _Tie(NamedTuple):
 
     Attributes:
         stress: of the fields of the cell, linear in them.
-        edges: (3,) each, between which the displacement's strain is taken.
-        over: m^2, by which that is divided.
+        have: of the displacement's strain.
+        slope: (3, 3), symmetric, the derivative of ``have`` by that strain.
         given: what the fields of the cell say it is, linear in them.
     """
 
     stress: Callable[[_Fields], Expr]
-    edges: tuple[Expr, Expr]
-    over: Expr
+    have: Expr
+    slope: Expr
     given: Callable[[_Fields], Expr]
+
+
+class _Thickness(NamedTuple):
+    """E_33 over the square of the third edge, as a function of a field and of the strain in the wall.
+
+    Attributes:
+        strain: its value.
+        by_field: its derivative by the field.
+        by_wall: (3, 3), symmetric, its derivative by the strain in the wall.
+    """
+
+    strain: Expr
+    by_field: Expr
+    by_wall: Expr
 
 
 class AssumedStrain(NamedTuple):
     """The assumed strain in place of the displacement's own.
 
     Attributes:
-        strain: (3, 3), linear in the fields of the cell.
+        strain: (3, 3).
         ties: terms, J/m^3, whose stationary value ties the assumed strain to the displacement's; added to the energy.
         virtual_work: of a symmetric stress (3, 3), Pa, and a virtual unknown: work on the strain's variation, J/m^3.
         virtual_ties: of a virtual unknown, the variation of ``ties``.
@@ -82,7 +97,7 @@ class AssumedStrain(NamedTuple):
 
 
 class _Fields(NamedTuple):
-    """The fields of the cell: thickness strain; constants of shears, of both kinds of ties, of membrane strains."""
+    """The fields of the cell: of the thickness; constants of shears, of both kinds of ties, of membrane strains."""
 
     thickness: Expr
     shear: list[Expr]
@@ -92,7 +107,7 @@ class _Fields(NamedTuple):
 
 
 def element(cell: str, gdim: int, degree: int) -> basix.ufl._ElementBase:
-    """Displacement, thickness strain, and the constants of a cell."""
+    """Displacement, the field of the thickness, and the constants of a cell."""
     return basix.ufl.mixed_element([
         basix.ufl.element("Lagrange", cell, 1, shape=(gdim,)),
         basix.ufl.element("DG", cell, 1),
@@ -111,43 +126,52 @@ def displacement(w: Expr) -> Expr:
     return ufl.as_vector([w[i] for i in range(3)])
 
 
-def assumed_strain(w: Expr, modulus: Expr, *, finite: bool) -> AssumedStrain:
-    """The assumed strain of an unknown w.
+def assumed_strain(w: Expr, modulus: Expr, *, by_volume: bool = False) -> AssumedStrain:
+    """The assumed strain of an unknown w, Green's and Lagrange's.
 
     Args:
         w: of this ``element``.
         modulus: Pa, of the material; gives the stresses among the fields no dimension, and changes no result.
-        finite: whether E is Green's and Lagrange's strain; else sym grad u, and so is the assumed one.
+        by_volume: whether the field of the thickness is the change of volume; else it is E_33.
     """
     domain = ufl.domain.extract_unique_domain(w)
     centre, place = _centre(domain)
     over = ufl.inv(centre)
     edge, fields = ufl.Jacobian(domain), _fields(w)
     h = ufl.grad(displacement(w))
-    own = (h + h.T + h.T * h) / 2 if finite else ufl.sym(h)
+    own = (h + h.T + h.T * h) / 2
     size = [ufl.sqrt(ufl.dot(centre[:, k], centre[:, k])) for k in range(3)]
     ratio = ufl.det(centre) / ufl.JacobianDeterminant(domain)
-    parts = [*_edge_parts(edge, over, size, place), *_membrane(place, over, size, ratio)]
-    ties = _ties(edge, over, size, place)
+    dual, square = ufl.inv(edge), ufl.dot(edge[:, 2], edge[:, 2])
+    normal, third = ufl.outer(dual[2, :], dual[2, :]), ufl.outer(edge[:, 2], edge[:, 2])
+    shears, modes = list(_shears(edge, dual, over, size, place)), _membrane(place, over, size, ratio)
+    membrane = sum(mode.amount(fields) * mode.tensor for mode in modes)
+    # modes change the volume by their trace, whose mean is zero; the tie has none of them
+    swells = ufl.Identity(3) if by_volume else ufl.zero(3, 3)
+    field = fields.thickness + ufl.inner(swells, membrane)
+    across = _at_volume(field, *_area(edge, own + membrane)) if by_volume else _as_given(field)
+    have = _volume(edge, own) if by_volume else (ufl.inner(third, own) / square, third / square)
+    ties = [*_shear_ties(own, edge, over, size, place), _Tie(_thickness_stress(place), *have, lambda f: f.thickness)]
     corners = Quadrature(1, "vertex")
 
-    def between(edges: tuple[Expr, Expr]) -> Expr:
-        return ufl.dot(edges[0], own * edges[1])
-
     def lack(tie: _Tie) -> Expr:
-        return between(tie.edges) / tie.over - tie.given(fields)
+        return tie.have - tie.given(fields)
 
     def on_own(stress: Expr, v: Expr) -> Expr:
-        return ufl.inner((ufl.Identity(3) + h) * stress if finite else stress, ufl.grad(displacement(v)))
+        return ufl.inner((ufl.Identity(3) + h) * stress, ufl.grad(displacement(v)))
 
     def virtual_work(stress: Expr, v: Expr) -> Expr:
         # numbers are multiplied before tensors are: by the chain rule outwards there would be many times the products
-        varied, left, work = _fields(v), stress, 0.0
-        for part in parts:
-            amount = ufl.inner(stress, part.tensor)
-            work += amount * part.amount(varied)
-            if part.edges is not None:
-                left -= amount * ufl.sym(ufl.outer(*part.edges))
+        varied, through = _fields(v), ufl.inner(stress, normal)
+        on_field, on_wall = through * square * across.by_field, stress + through * square * across.by_wall
+        work, left = on_field * varied.thickness, on_wall - through * third
+        for shear in shears:
+            amount = ufl.inner(stress, shear.tensor)
+            work += amount * shear.amount(varied)
+            left -= amount * shear.own
+        on_modes = on_wall + on_field * swells
+        for mode in modes:
+            work += ufl.inner(on_modes, mode.tensor) * mode.amount(varied)
         return work + on_own(left, v)
 
     def virtual_ties(v: Expr) -> Terms:
@@ -155,12 +179,11 @@ def assumed_strain(w: Expr, modulus: Expr, *, finite: bool) -> AssumedStrain:
         for tie in ties:
             stress = tie.stress(fields)
             work += tie.stress(varied) * lack(tie) - stress * tie.given(varied)
-            left += stress / tie.over * ufl.sym(ufl.outer(*tie.edges))
+            left += stress * tie.slope
         return [(modulus * ratio * (work + on_own(left, v)), corners)]
 
-    change = sum(
-        (part.amount(fields) - (0.0 if part.edges is None else between(part.edges))) * part.tensor for part in parts
-    )
+    change = membrane + (square * across.strain - ufl.inner(third, own)) * normal
+    change += sum((shear.amount(fields) - ufl.inner(shear.own, own)) * shear.tensor for shear in shears)
     tie = sum(tie.stress(fields) * lack(tie) for tie in ties)
     return AssumedStrain(own + change, [(modulus * ratio * tie, corners)], virtual_work, virtual_ties)
 
@@ -179,26 +202,58 @@ def _shear_vector(edge: Expr, over: Expr, size: list[Expr], a: int) -> Callable[
     return vector
 
 
-def _edge_parts(edge: Expr, over: Expr, size: list[Expr], place: Expr) -> Iterator[_StrainPart]:
-    """Transverse shear and thickness strain."""
-    dual = ufl.inv(edge)
+def _as_given(field: Expr) -> _Thickness:
+    return _Thickness(field, ufl.as_ufl(1.0), ufl.zero(3, 3))
+
+
+def _at_volume(field: Expr, area: Expr, by_wall: Expr) -> _Thickness:
+    """C_33 A^2 = (1 + field)^2, with the area A of ``_area``."""
+    swollen, squared = 1 + field, 1 + 2 * area
+    strain = (field + field**2 / 2 - area) / squared
+    return _Thickness(strain, swollen / squared, -(swollen**2) / squared**2 * by_wall)
+
+
+def _volume(edge: Expr, strain: Expr) -> tuple[Expr, Expr]:
+    """A sqrt(C_33) - 1 of a strain, and its derivative by that."""
+    area, by_wall = _area(edge, strain)
+    square = ufl.dot(edge[:, 2], edge[:, 2])
+    through = ufl.dot(edge[:, 2], strain * edge[:, 2]) / square
+    grown = area + (1 + 2 * area) * through
+    volume = ufl.sqrt(1 + 2 * grown)
+    slope = (1 + 2 * through) * by_wall + (1 + 2 * area) / square * ufl.outer(edge[:, 2], edge[:, 2])
+    return 2 * grown / (volume + 1), slope / volume
+
+
+def _area(edge: Expr, strain: Expr) -> tuple[Expr, Expr]:
+    """Of a strain in the wall (A^2 - 1) / 2, with the area A over the initial one, and its derivative by the strain."""
+    g = [[ufl.dot(edge[:, a], edge[:, b]) for b in range(2)] for a in range(2)]
+    e = [[ufl.dot(edge[:, a], strain * edge[:, b]) for b in range(2)] for a in range(2)]
+    initial = g[0][0] * g[1][1] - g[0][1] ** 2
+    change = g[1][1] * e[0][0] + g[0][0] * e[1][1] - 2 * g[0][1] * e[0][1] + 2 * (e[0][0] * e[1][1] - e[0][1] ** 2)
+    c = [[g[a][b] + 2 * e[a][b] for b in range(2)] for a in range(2)]
+    slope = c[1][1] * ufl.outer(edge[:, 0], edge[:, 0]) + c[0][0] * ufl.outer(edge[:, 1], edge[:, 1])
+    slope -= c[0][1] * _pair(edge[:, 0], edge[:, 1])
+    return change / initial, slope / initial
+
+
+def _shears(edge: Expr, dual: Expr, over: Expr, size: list[Expr], place: Expr) -> Iterator[_StrainPart]:
+    """Transverse shears."""
     for a in range(2):
         scale, vector = size[a] * size[2], _shear_vector(edge, over, size, a)
 
         def shear(fields: _Fields, a: int = a, scale: Expr = scale, vector: Any = vector) -> Expr:
             return vector(fields) + scale * fields.shear[2 + a] * place[1 - a]
 
-        yield _StrainPart(_pair(dual[a, :], dual[2, :]), shear, (edge[:, a], edge[:, 2]))
-    square = ufl.dot(edge[:, 2], edge[:, 2])
-    yield _StrainPart(
-        ufl.outer(dual[2, :], dual[2, :]), lambda fields: fields.thickness * square, (edge[:, 2], edge[:, 2])
-    )
+        yield _StrainPart(_pair(dual[a, :], dual[2, :]), shear, ufl.sym(ufl.outer(edge[:, a], edge[:, 2])))
 
 
-def _ties(edge: Expr, over: Expr, size: list[Expr], place: Expr) -> list[_Tie]:
-    """Of both transverse shears and of the thickness strain."""
-    side = [ufl.conditional(ufl.gt(place[k], 0.0), 1.0, -1.0) for k in range(2)]
-    found = []
+def _sides(place: Expr) -> list[Expr]:
+    return [ufl.conditional(ufl.gt(place[k], 0.0), 1.0, -1.0) for k in range(2)]
+
+
+def _shear_ties(own: Expr, edge: Expr, over: Expr, size: list[Expr], place: Expr) -> Iterator[_Tie]:
+    """Of both transverse shears."""
+    side = _sides(place)
     for a in range(2):
         scale, vector = size[a] * size[2], _shear_vector(edge, over, size, a)
 
@@ -209,14 +264,19 @@ def _ties(edge: Expr, over: Expr, size: list[Expr], place: Expr) -> list[_Tie]:
         def given(fields: _Fields, a: int = a, scale: Expr = scale, vector: Any = vector) -> Expr:
             return vector(fields) / scale + fields.shear[2 + a] * side[1 - a]
 
-        found.append(_Tie(stress, (edge[:, a], edge[:, 2]), scale, given))
+        slope = ufl.sym(ufl.outer(edge[:, a], edge[:, 2])) / scale
+        yield _Tie(stress, ufl.inner(slope, own), slope, given)
+
+
+def _thickness_stress(place: Expr) -> Callable[[_Fields], Expr]:
+    """Of a corner; the mean over both ends of an edge through the thickness is tied, for it is theirs."""
+    side = _sides(place)
 
     def across(fields: _Fields) -> Expr:
         first, second, third, both = fields.across
         return first + second * side[0] + third * side[1] + both * side[0] * side[1]
 
-    square = ufl.dot(edge[:, 2], edge[:, 2])
-    return [*found, _Tie(across, (edge[:, 2], edge[:, 2]), square, lambda fields: fields.thickness)]
+    return across
 
 
 def _pair(a: Expr, b: Expr) -> Expr:
@@ -240,13 +300,13 @@ def _centre(domain: ufl.Mesh) -> tuple[Expr, Expr]:
 
 def _membrane(place: Expr, over: Expr, size: list[Expr], stretch: Expr) -> list[_StrainPart]:
     """The incompatible membrane strain; its mean over the cell is zero."""
-    first, second = over[0, :], over[1, :]
+    first, second, none = over[0, :], over[1, :], ufl.zero(3, 3)
 
     def shear(fields: _Fields) -> Expr:
         return stretch * size[0] * size[1] * (fields.membrane[2] * place[0] + fields.membrane[3] * place[1])
 
     return [
-        _StrainPart(ufl.outer(first, first), lambda f: stretch * size[0] ** 2 * place[0] * f.membrane[0], None),
-        _StrainPart(_pair(first, second), shear, None),
-        _StrainPart(ufl.outer(second, second), lambda f: stretch * size[1] ** 2 * place[1] * f.membrane[1], None),
+        _StrainPart(ufl.outer(first, first), lambda f: stretch * size[0] ** 2 * place[0] * f.membrane[0], none),
+        _StrainPart(_pair(first, second), shear, none),
+        _StrainPart(ufl.outer(second, second), lambda f: stretch * size[1] ** 2 * place[1] * f.membrane[1], none),
     ]

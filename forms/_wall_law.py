@@ -11,6 +11,9 @@ the wall.  Virtual work is with the variation of the same H, so that an energy s
 in the axes of U, which are the body's as long as the wall is not turned, and turn with it; Cauchy's stress is turned
 to the body's axes.
 
+Through the thickness the change of volume is linear, not E_33: flow keeps the volume, so that in a fold the thickness
+goes with one over the stretch, which differs from face to face by more than a line can follow, and the wall locks.
+
 A law whose reference is the updated configuration is given U U'^-1 - 1 with the U' of the step's begin, which is kept
 behind its history, per volume det U' of the updated configuration; so the wall's own reference is the initial
 configuration, and its strain does not depend on the steps.  Forms alone import it.
@@ -145,7 +148,7 @@ class WallLaw:
         return list(zip(terms, rules, strict=True))
 
     def _assumed(self, u: Expr, p: Any) -> _thin_wall.AssumedStrain:
-        return _thin_wall.assumed_strain(u, self.modulus(p), finite=True)
+        return _thin_wall.assumed_strain(u, self.modulus(p), by_volume=True)
 
     def _of_step(self, function: Callable[[Expr, Expr], Expr], u: Expr, state: Expr, p: Any) -> Expr:
         own, begin = self._begin(state)

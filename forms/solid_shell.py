@@ -57,7 +57,7 @@ class Reference(_Reference):
 
 def strain_energy(u: Expr, p: Parameters) -> Terms:
     """St Venant-Kirchhoff energy of the assumed strain per initial volume, J/m^3; of 2 x 2 x 2 points."""
-    strain, ties, *_ = _thin_wall.assumed_strain(u, p.E, finite=True)
+    strain, ties, *_ = _thin_wall.assumed_strain(u, p.E)
     return [(ufl.inner(_stress(u, strain, p), strain) / 2, Quadrature(3)), *ties]
 
 
@@ -68,7 +68,7 @@ def kinetic_energy(v: Expr, p: Parameters) -> Terms:
 
 def stress(u: Expr, state: None, p: Parameters) -> Expr:
     """Cauchy stress F S F^T / det F, Pa, 3 x 3, of the assumed strain, in the axes of the body's frame."""
-    strain = _thin_wall.assumed_strain(u, p.E, finite=True).strain
+    strain = _thin_wall.assumed_strain(u, p.E).strain
     f = ufl.Identity(3) + ufl.grad(_thin_wall.displacement(u))
     return f * _stress(u, strain, p) * f.T / ufl.det(f)
 
