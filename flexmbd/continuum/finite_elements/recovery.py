@@ -16,6 +16,7 @@ from flexmbd.continuum.finite_elements.cell_group import CellGroup
 from flexmbd.continuum.finite_elements.discretisation import Discretisation
 from flexmbd.continuum.finite_elements.field_conditions import FieldConditions
 from flexmbd.continuum.finite_elements.nodes import dof_numbers, further_dofs, node_numbers
+from flexmbd.continuum.finite_elements.temperature import HeldExpansion
 from flexmbd.continuum.matrices.blocks import inner, multiply
 from flexmbd.errors import RecordError
 from flexmbd.record.reduced_body import ReducedBody
@@ -57,6 +58,10 @@ class ReductionModel(Discretisation, Protocol):
     @property
     def warm_groups(self) -> tuple[CellGroup, ...]:
         """The cell groups with their formulations at the temperature of the state."""
+
+    @property
+    def held_expansion(self) -> HeldExpansion:
+        """What holds the body where it is at rest and is heated."""
 
     @property
     def form_name(self) -> str:
