@@ -342,6 +342,7 @@ class TrialBody(DiscretisedBody):
         if self.viscous_forces is not None:
             self._viscous_work += float(self.comm.allreduce(self.viscous_forces.work(increment)))
         self.displacement += increment
+        self._evaluated = None  # was by where the body stood before
         if self.conditions is not None:
             self.conditions.complete(self.displacement)
             self._charged = self._charged.moved(self.conditions.efforts, self._charges)
