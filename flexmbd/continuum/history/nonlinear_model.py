@@ -172,7 +172,7 @@ class NonlinearModel(TrialBody):
     @property
     def predicts_stress(self) -> bool:
         """Whether stresses follow from where the body is alone, in a group at least, so that a step predicts them."""
-        return not self.has_rotations and any(can_be_predicted(history) for history in self._histories)
+        return not self.layout.has_further and any(can_be_predicted(history) for history in self._histories)
 
     def predict_stress(self, before: FloatArray, after: FloatArray) -> FloatArray:
         """Predict stresses from one of Newton's iterates to the next, for `tangent`. Collective, may compile.
