@@ -132,8 +132,11 @@ def find_cell_fields(
     unknown = TrialSymbols(form, cell, degree, parameters=parameters)  # type: ignore[arg-type]
     own = _components(element)
     kept = [i for i in candidates if not unknown.moved[own[i]].any() and not _outer_terms(form, unknown, own[i])]
+    if not kept:
+        return None
+    second = _SecondDerivatives(form, unknown)
     while kept:
-        free = [i for i in kept if not _is_determined(form, unknown, own[i], np.concatenate([own[k] for k in kept]))]
+        free = [i for i in kept if not _is_determined(second, own[i], np.concatenate([own[k] for k in kept]))]
         if not free:
             return CellFields(element, tuple(kept))
         kept = [i for i in kept if i not in free]
@@ -215,12 +218,13 @@ def _names_component(expanded: Any, field: Any, components: IntArray) -> bool:
     return whole
 
 
-def _is_determined(form: Any, unknown: TrialSymbols, components: IntArray, of_cell: IntArray) -> bool:
+def _is_determined(second: _SecondDerivatives, components: IntArray, of_cell: IntArray) -> bool:
     """Whether second derivatives at rest of some components with those of fields of one cell are there, and count."""
-    own, cell, displaced = (_second_derivatives(form, unknown, pair) for pair in (
-        (components, components), (of_cell, components), (np.arange(3), np.arange(3)),
+    displacement = np.arange(GDIM)
+    own, cell, displaced = (second(*pair) for pair in (
+        (components, components), (of_cell, components), (displacement, displacement),
     ))  # fmt: skip
-    mixed = _second_derivatives(form, unknown, (np.arange(3), components))
+    mixed = second(displacement, components)
     if own is None or cell is None or displaced is None or mixed is None:  # only a mesh has values
         return True
     if cell == 0.0:
@@ -229,20 +233,26 @@ def _is_determined(form: Any, unknown: TrialSymbols, components: IntArray, of_ce
     return own == 0.0 or displaced == 0.0 or mixed**2 * SQUARED <= abs(own * displaced)
 
 
-def _second_derivatives(form: Any, unknown: TrialSymbols, components: tuple[IntArray, IntArray]) -> float | None:
-    """Those at rest along two fields of which some components alone are not zero; None where only a mesh has them."""
-    along, across = ufl.Argument(unknown.space, 1), ufl.Argument(unknown.space, 2)
-    size = np.arange(int(np.prod(unknown.u.ufl_shape, dtype=int)))
-    fields = {unknown.u: affine(unknown.u.ufl_shape, seed=None)}
-    for seed, (argument, some) in enumerate(zip((along, across), components, strict=True)):
-        fields[argument] = _cut(affine(unknown.u.ufl_shape, seed=1 + seed), np.setdiff1d(size, some))
-    total = 0.0
-    for density, _ in internal_work(form, unknown.u, across, p=unknown.parameters):
-        value = unknown.evaluate(ufl.derivative(density, unknown.u, along), fields)
-        if value is None:
-            return None
-        total += value
-    return total
+class _SecondDerivatives:
+    """Those of a form's internal work at rest, along two fields of which some components alone are not zero."""
+
+    def __init__(self, form: Any, unknown: TrialSymbols) -> None:
+        self._unknown = unknown
+        self._along, self._across = ufl.Argument(unknown.space, 1), ufl.Argument(unknown.space, 2)
+        self._expanded = [
+            ufl.algorithms.expand_derivatives(ufl.derivative(density, unknown.u, self._along))
+            for density, _ in internal_work(form, unknown.u, self._across, p=unknown.parameters)
+        ]
+
+    def __call__(self, along: IntArray, across: IntArray) -> float | None:
+        """Of two sets of components; None where only a mesh has it."""
+        shape = self._unknown.u.ufl_shape
+        size = np.arange(int(np.prod(shape, dtype=int)))
+        fields = {self._unknown.u: affine(shape, seed=None)}
+        for seed, (argument, some) in enumerate(((self._along, along), (self._across, across))):
+            fields[argument] = _cut(affine(shape, seed=1 + seed), np.setdiff1d(size, some))
+        values = [self._unknown.evaluate_expanded(expression, fields) for expression in self._expanded]
+        return None if any(value is None for value in values) else sum(value for value in values if value is not None)
 
 
 def _cut(field: Callable[[int], FloatArray], components: IntArray) -> Callable[[int], FloatArray]:

@@ -25,6 +25,7 @@ from dolfinx import fem
 import flexmbd.forms
 from flexmbd.continuum.contract.entries import optional_entries
 from flexmbd.continuum.contract.local_newton import point_keywords
+from flexmbd.continuum.contract.shared_nodes import share_nodes
 from flexmbd.continuum.contract.violations import import_violations, orders_by_cell, violations
 from flexmbd.errors import FormulationError
 
@@ -151,8 +152,10 @@ def internal_work(
     optional = optional_entries(form)
     if optional.residual is not None:
         at_rest = None if optional.state is None else ufl.as_ufl(optional.state(p))
-        return list(optional.residual(u, v, at_rest, p, **point_keywords(form, u, at_rest, p)))
-    return [(ufl.derivative(density, u, v), rule) for density, rule in form.strain_energy(u, p)]
+        terms = list(optional.residual(u, v, at_rest, p, **point_keywords(form, u, at_rest, p)))
+    else:
+        terms = [(ufl.derivative(density, u, v), rule) for density, rule in form.strain_energy(u, p)]
+    return [(share_nodes(density), rule) for density, rule in terms]
 
 
 def load_form(source: str | Path | ModuleType) -> Formulation:

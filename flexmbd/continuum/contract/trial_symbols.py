@@ -16,6 +16,7 @@ import ufl
 
 from flexmbd.continuum.compat import topological_dimension
 from flexmbd.continuum.contract.dof_layout import check_element
+from flexmbd.continuum.contract.shared_nodes import share_nodes
 from flexmbd.continuum.contract.ufl_values import NoValueError, Terminals, evaluate_expanded
 from flexmbd.errors import FormulationError
 
@@ -93,7 +94,7 @@ class TrialSymbols:
 
     def evaluate(self, expression: ufl.core.expr.Expr, fields: Terminals) -> float | None:
         """A scalar at a point, NaN or infinite where it has no value; None where only a mesh has one."""
-        return self.evaluate_expanded(ufl.algorithms.expand_derivatives(expression), fields)
+        return self.evaluate_expanded(ufl.algorithms.expand_derivatives(share_nodes(expression)), fields)
 
     def evaluate_expanded(self, expression: ufl.core.expr.Expr, fields: Terminals) -> float | None:
         """The same of an expression whose derivatives are carried out."""

@@ -16,6 +16,8 @@ import scipy.special
 import ufl
 from ufl import classes
 
+from flexmbd.continuum.contract.shared_nodes import share_nodes
+
 Array: TypeAlias = npt.NDArray[np.float64]
 
 Terminals: TypeAlias = Mapping[Any, Callable[[int], Array]]
@@ -36,7 +38,7 @@ def evaluate(expression: ufl.core.expr.Expr, terminals: Terminals) -> float:
     Raises:
         NoValueError: a part of it is not among the terminals, or cannot be evaluated.
     """
-    return evaluate_expanded(ufl.algorithms.expand_derivatives(expression), terminals)
+    return evaluate_expanded(ufl.algorithms.expand_derivatives(share_nodes(expression)), terminals)
 
 
 def evaluate_expanded(expression: ufl.core.expr.Expr, terminals: Terminals) -> float:

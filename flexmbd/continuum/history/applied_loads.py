@@ -359,7 +359,7 @@ def _times(matrix: PETSc.Mat, nodal: FloatArray) -> FloatArray:
 
 def _mass_times(body: NonlinearModel, S: FloatArray) -> PETSc.Mat:
     """The consistent mass matrix times a matrix (3, 3) at each node. Collective."""
-    if body.has_rotations:
+    if body.layout.has_further:
         raise FormulationError(
             f"{body.form_name} has unknowns besides the displacement, with which no CentrifugalLoad is taken; let the "
             "body turn in a machine"

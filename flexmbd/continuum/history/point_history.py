@@ -19,9 +19,10 @@ from dolfinx import fem
 from numpy.typing import NDArray
 
 from flexmbd.continuum.contract.entries import STEP, is_rate_dependent
-from flexmbd.continuum.contract.formulation import IntegralTerm, Quadrature
+from flexmbd.continuum.contract.formulation import IntegralTerm, Quadrature, internal_work
 from flexmbd.continuum.contract.quadrature import point_element, points_and_weights
 from flexmbd.continuum.contract.results import solved, step_keyword
+from flexmbd.continuum.contract.shared_nodes import share_nodes
 from flexmbd.continuum.finite_elements import assembly
 from flexmbd.continuum.finite_elements.cell_group import CellGroup
 from flexmbd.continuum.history.cell_fields_solved import CellFieldsSolved
@@ -103,9 +104,10 @@ class History:
             update = form.update(u, self._state, p, **given)
 
         def work(v: Any, z: Any) -> list[IntegralTerm]:
-            if self._has_state:
-                return list(form.residual(u, v, self._state, p, **self._given(z)))
-            return [(ufl.derivative(density, u, v), rule) for density, rule in form.strain_energy(u, p)]
+            if not self._has_state:
+                return internal_work(form, u, v, p=p)
+            terms = form.residual(u, v, self._state, p, **self._given(z))
+            return [(share_nodes(density), rule) for density, rule in terms]
 
         self._pass = CellPass(
             group,

@@ -18,6 +18,8 @@ from ufl.classes import Division, MultiIndex, ScalarValue, Variable
 from ufl.core.expr import Expr
 from ufl.core.multiindex import FixedIndex
 
+from flexmbd.continuum.contract.shared_nodes import rebuild, share_nodes
+
 
 def share_parts(expressions: Iterable[Expr]) -> list[Expr]:
     """The same expressions with derivatives carried out and equal parts as one object; not collective.
@@ -25,22 +27,11 @@ def share_parts(expressions: Iterable[Expr]) -> list[Expr]:
     Parts with free indices are shared as far as the next part around them that has none.
     """
     known: dict[Any, Expr] = {}
-    return [_shared(expand_derivatives(expression), known) for expression in expressions]
 
+    def one(node: Expr, operands: Sequence[Expr]) -> Expr:
+        return _one(node, operands, known)
 
-def _shared(expression: Expr, known: dict[Any, Expr]) -> Expr:
-    done: dict[int, Expr] = {}
-    waiting = [expression]
-    while waiting:
-        node = waiting[-1]
-        below = [operand for operand in node.ufl_operands if id(operand) not in done]
-        if below and id(node) not in done:
-            waiting.extend(reversed(below))
-            continue
-        waiting.pop()
-        if id(node) not in done:
-            done[id(node)] = _one(node, [done[id(operand)] for operand in node.ufl_operands], known)
-    return done[id(expression)]
+    return [rebuild(expand_derivatives(share_nodes(expression)), one) for expression in expressions]
 
 
 def _one(node: Expr, operands: Sequence[Expr], known: dict[Any, Expr]) -> Expr:

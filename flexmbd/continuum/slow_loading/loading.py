@@ -62,8 +62,10 @@ class SlowLoads:
         found = self._answer("displacement", self.displacement, t, n)
         self._refuse_torn(found, t)
         if self.body.plane_axis is not None:
-            leaves = found[np.isin(self.prescribed, self.body.held_dofs)].any()
+            across = np.isin(self.prescribed, self.body.held_dofs)
+            leaves = abs(found[across]).max(initial=0.0) > SEVEN_DIGITS * self._largest(found)
             self._agree(f"displacement moves nodes out of the plane of the body at {t:g}" if leaves else "")
+            found = np.where(across, 0.0, found)  # what a rotation rounds
         return found
 
     def _refuse_torn(self, given: FloatArray, t: float) -> None:
@@ -73,12 +75,15 @@ class SlowLoads:
         whole = np.zeros(self.body.n_owned)
         whole[self.prescribed] = given
         off = abs(self.body.complete(whole.copy()) - whole)[np.intersect1d(self.prescribed, self.body.ties.dofs)]
-        size = max(self.body.comm.allgather(float(abs(given).max(initial=0.0))))
-        torn = off.max(initial=0.0) > SEVEN_DIGITS * size
+        torn = off.max(initial=0.0) > SEVEN_DIGITS * self._largest(given)
         self._agree(
             f"displacement moves nodes of a weld by {off.max():.4g} m away from the facets that they follow, at {t:g}; "
             "give both sides one motion" if torn else ""
         )
+
+    def _largest(self, given: FloatArray) -> float:
+        """m, of displacements (prescribed dofs,), without regard to signs. Collective."""
+        return max(self.body.comm.allgather(float(abs(given).max(initial=0.0))))
 
     def outer(self, t: float) -> TrialLoads:
         """The forces at a load parameter. Collective."""
