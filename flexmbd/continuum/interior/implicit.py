@@ -131,7 +131,7 @@ class ImplicitContinuum:
         self._loads.now = self._loads.after(t, x)
         self._contacts.begin(x, motion)
         self._among.begin(x, self._nodes.axes(motion))
-        if self._begins_fresh and not self._loads.applied.any_heat:
+        if self._begins_fresh and not self._loads.applied.any_given_fields:
             return self._start(motion, -self._loads.now, np.zeros(body.n_owned))
         # what holds the body in its shape at rest: warm, with voltages, or deformed before
         still: FloatArray = np.zeros(body.layout.n_local)

@@ -212,7 +212,7 @@ class StepEquations:
         Raises:
             ConvergenceError: as `NonlinearModel.force`.
         """
-        self.loads.heat()
+        self.loads.set_given_fields()
         internal = self.body.force(increment, dt=self.step.h)
         x, a = self.motion(increment)
         inertia = self.axes.to_body(self.frames.product(a - self.step.gravity))
@@ -262,7 +262,7 @@ class StepEquations:
         Raises:
             ConvergenceError: as `NonlinearModel.tangent`.
         """
-        self.loads.heat()
+        self.loads.set_given_fields()
         matrix = self.loads.subtract_slopes(self.body.tangent(increment, dt=self.step.h), increment)
         matrix.axpy(1.0 / self.step.per_x, self.frames.mass, PETSc.Mat.Structure.SUBSET_NONZERO_PATTERN)
         if self.contacts.touches:
@@ -303,7 +303,7 @@ class RestEquations:
         Raises:
             ConvergenceError: as `NonlinearModel.force`.
         """
-        self.loads.heat()
+        self.loads.set_given_fields()
         internal = self.body.force(increment, dt=0.0)
         if self.body.is_updated:
             self.body.check_cells()
@@ -317,5 +317,5 @@ class RestEquations:
         Raises:
             ConvergenceError: as `NonlinearModel.tangent`.
         """
-        self.loads.heat()
+        self.loads.set_given_fields()
         return self.loads.subtract_slopes(self.body.tangent(increment, dt=0.0), increment)

@@ -102,7 +102,7 @@ class SlowLoads:
         Raises:
             ConvergenceError: as `NonlinearModel.force`.
         """
-        outer.heat()
+        outer.set_given_fields()
         internal = self.body.force(increment, dt=dt)
         if self.body.is_updated:
             # a cell that is inside out may have finite forces
@@ -110,16 +110,16 @@ class SlowLoads:
         external = outer.force(increment)
         residual = internal - external
         # reactions and loads are what balances; at rest nothing does
-        least = max(least, outer.loads.size_of_heat(outer.values))
+        least = max(least, outer.loads.size_of_given_fields(outer.values))
         size = max(least, self.body.norm(external), self.body.norm(residual[self.prescribed]))
         return Balance(residual, size if size > 0.0 else self.body.norm(internal))
 
     def net_load(self, outer: TrialLoads, increment: FloatArray) -> FloatArray:
         """(owned dofs,) N, less the internal forces where a temperature changes those. Collective."""
         force = outer.force(increment)
-        if not self.applied.any_heat:
+        if not self.applied.any_given_fields:
             return force
-        outer.heat()
+        outer.set_given_fields()
         return np.asarray(force - self.body.force(increment))
 
     def accept(self, before: HistorySnapshot, increment: FloatArray, t: float) -> None:
@@ -129,14 +129,14 @@ class SlowLoads:
             ConvergenceError: a history is not finite.
         """
         self.body.restore(before)
-        self.outer(t).heat()
+        self.outer(t).set_given_fields()
         self.body.commit(increment, dt=0.0)
 
     def tangent(
         self, outer: TrialLoads, increment: FloatArray, *, dt: float = 0.0, predicted: bool = False
     ) -> PETSc.Mat:
         """Its derivative, as of `NonlinearModel.tangent`. Collective."""
-        outer.heat()
+        outer.set_given_fields()
         return outer.subtract_slopes(self.body.tangent(increment, dt=dt, predicted=predicted), increment)
 
     def _fault_of_prescribed(self) -> str:
