@@ -107,7 +107,8 @@ class BondedTurns:
         vectors, law = self._vectors(frames, R), self._law.vector
         forces = np.linalg.solve(law.tangents(vectors).transpose(0, 2, 1), (couples @ R)[..., None])[..., 0]
         against = (np.arange(len(couples)) == frame).astype(float) - float(frame == 0)
-        changes = law.moment_changes(vectors, forces, against[:, None] * (R.T @ turn)) @ R.T
+        turns: FloatArray = against[:, None] * (R.T @ turn)
+        changes = law.moment_changes(vectors, np.asarray(forces), turns) @ R.T
         return changes + np.cross(turn, couples) if frame == 0 else changes  # they are in the body's axes
 
     def _rotations(self, frames: FloatArray, R: FloatArray) -> FloatArray:

@@ -242,7 +242,7 @@ class NodalSolution:
         return float(self.bonds.total(np.array(energy)))
 
     def weight_energy(self, weight: FloatArray, gravity: FloatArray, x: FloatArray) -> float:
-        """J, of the weight (owned nodes, 3) N by gravity (3,) m/s^2, less the frames', with nodes at x m. Collective."""
+        """J, of the weight (owned nodes, 3) N by gravity (3,) m/s^2, less that of frames, nodes at x m. Collective."""
         nodes, mass = self._held()
         energy = (mass[:, None] * x[nodes] @ gravity).sum() - (weight * x[: len(weight)]).sum()
         return float(self.bonds.total(np.array(energy)))
