@@ -21,6 +21,7 @@ from flexmbd.continuum.finite_elements.discretisation import Discretisation
 from flexmbd.continuum.finite_elements.linear_model import LinearModel
 from flexmbd.continuum.finite_elements.temperature import (
     checked_rise,
+    held_expansion,
     refuse_nonlinear_expansion,
     refuse_without_expansion,
     rise_function,
@@ -191,7 +192,7 @@ def load_vectors(model: Discretisation, loads: Sequence[Load]) -> FloatArray:
                     f"load {load.name!r}: the temperature of a body with history is no force; give it among the loads "
                     "of follow, ImplicitContinuum or ExplicitContinuum, as Heating(...)"
                 )
-            forces[:, i] = -model.held_expansion.forces(rise_of(model, load))
+            forces[:, i] = -held_expansion(model).forces(rise_of(model, load))
             continue
         work = ufl.inner(unit_force(model, load), displacement(v)) * measure(model, load)
         vector = fem.assemble_vector(fem.form(work))

@@ -20,6 +20,7 @@ from flexmbd.continuum import (
     clamped_dofs,
     follow,
 )
+from flexmbd.continuum.finite_elements.temperature import held_expansion
 from flexmbd.coupling import Coupling
 from flexmbd.errors import ConvergenceError, FlexmbdError
 from flexmbd.forms import (
@@ -94,7 +95,7 @@ def test_a_load_of_a_temperature_expands_the_body_and_no_more():
         force = load_vectors(model, [load])[:, 0]
         free, held = model.K.createVecs()
         # pressures of the free body are zero: what the displacement brings is minus what the temperature does
-        pressed = model.held_expansion.fields(rise_of(model, load))
+        pressed = held_expansion(model).fields(rise_of(model, load))
         if pressed is not None:
             free.array[:] = -pressed[: model.n_owned]
         free.array[model.displacement_dofs[: model.n_owned_nodes]] = (

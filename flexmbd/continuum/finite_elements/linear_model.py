@@ -28,7 +28,7 @@ from flexmbd.continuum.finite_elements.model_picture import PicturedModel
 from flexmbd.continuum.finite_elements.nodal_group import NodalGroup
 from flexmbd.continuum.finite_elements.stress import StressRecovery
 from flexmbd.continuum.finite_elements.surface_group import surface_kinetic_energy, surface_work
-from flexmbd.continuum.finite_elements.temperature import HeldExpansion, heated_groups
+from flexmbd.continuum.finite_elements.temperature import heated_groups
 from flexmbd.errors import FormulationError, InterfaceError, RecordError
 from flexmbd.given import checked, numbers
 from flexmbd.record.reduced_body import ReducedBody
@@ -282,11 +282,6 @@ class LinearModel(PicturedModel):
             (local dofs of `unknown_space` including ghosts, k).
         """
         return columns if self.condensed is None else self.condensed.whole_columns(columns)
-
-    @property
-    def held_expansion(self) -> HeldExpansion:
-        """What holds the body where it is at rest and is heated; not collective."""
-        return HeldExpansion(self.forms, condensed=self.condensed, stiffness=self.K, conditions=self.conditions)
 
     def coupled(self) -> LinearModel:
         """The body with its fields of one cell as unknowns of the body; itself where there are none. Collective."""

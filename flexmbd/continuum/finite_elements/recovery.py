@@ -13,10 +13,11 @@ from numpy.typing import NDArray
 
 from flexmbd.continuum import parallel
 from flexmbd.continuum.finite_elements.cell_group import CellGroup
+from flexmbd.continuum.finite_elements.condensed_stiffness import CondensedStiffness
+from flexmbd.continuum.finite_elements.discrete_forms import DiscreteForms
 from flexmbd.continuum.finite_elements.discretisation import Discretisation
 from flexmbd.continuum.finite_elements.field_conditions import FieldConditions
 from flexmbd.continuum.finite_elements.nodes import dof_numbers, further_dofs, node_numbers
-from flexmbd.continuum.finite_elements.temperature import HeldExpansion
 from flexmbd.continuum.matrices.blocks import inner, multiply
 from flexmbd.errors import RecordError
 from flexmbd.record.reduced_body import ReducedBody
@@ -60,8 +61,12 @@ class ReductionModel(Discretisation, Protocol):
         """The cell groups with their formulations at the temperature of the state."""
 
     @property
-    def held_expansion(self) -> HeldExpansion:
-        """What holds the body where it is at rest and is heated."""
+    def forms(self) -> DiscreteForms:
+        """The formulations on the mesh."""
+
+    @property
+    def condensed(self) -> CondensedStiffness | None:
+        """Matrices of the fields of one cell; None: there are none."""
 
     @property
     def form_name(self) -> str:

@@ -18,6 +18,7 @@ from flexmbd.continuum.finite_elements.gathered_nodes import GatheredNodes, von_
 from flexmbd.continuum.finite_elements.nodes import node_numbers
 from flexmbd.continuum.finite_elements.recovery import ReductionModel, nodal_modes, node_rows
 from flexmbd.continuum.finite_elements.temperature import (
+    held_expansion,
     refuse_without_expansion,
     scalar_function,
     set_at_nodes,
@@ -219,7 +220,7 @@ class _HeldExpansion:
         """(len(places), 9) Pa, of a record's temperatures times factors (h,). Collective."""
         values = node_rows(self._model, node_numbers(self._model), known=heat.node, values=(factors @ heat.rise))
         set_at_nodes(self._model, self._rise, values)
-        fields = self._model.held_expansion.fields(self._rise)
+        fields = held_expansion(self._model).fields(self._rise)
         if fields is not None:
             self._fields.x.array[:] = fields
         sigma = np.empty((nodes.n_cells, nodes.per_cell, 9))

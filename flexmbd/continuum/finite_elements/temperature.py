@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
+from typing import Any, Protocol
 
 from petsc4py import PETSc
 
@@ -259,6 +259,31 @@ class HeldExpansion:
         total.scatter_reverse(la.InsertMode.add)
         total.scatter_forward()
         return np.asarray(total.array)
+
+
+class HeatedModel(Protocol):
+    """What is asked of a model at rest that is heated."""
+
+    @property
+    def forms(self) -> DiscreteForms:
+        """The formulations on the mesh."""
+
+    @property
+    def condensed(self) -> CondensedStiffness | None:
+        """Matrices of the fields of one cell; None: there are none."""
+
+    @property
+    def K(self) -> PETSc.Mat:
+        """Stiffness, over all dofs."""
+
+    @property
+    def conditions(self) -> FieldConditions | None:
+        """What holds a potential, built into K."""
+
+
+def held_expansion(model: HeatedModel) -> HeldExpansion:
+    """What holds a body where it is at rest and is heated; not collective."""
+    return HeldExpansion(model.forms, condensed=model.condensed, stiffness=model.K, conditions=model.conditions)
 
 
 def _thermal_work(groups: Sequence[CellGroup], space: fem.FunctionSpace, rise: fem.Function) -> list[ufl.Form]:

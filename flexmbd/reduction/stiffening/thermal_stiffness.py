@@ -19,7 +19,7 @@ from ufl.corealg.map_dag import map_expr_dag
 
 from flexmbd.continuum.contract.substituted_field import SubstitutedField
 from flexmbd.continuum.finite_elements.assembly import integral
-from flexmbd.continuum.finite_elements.temperature import heated_terms
+from flexmbd.continuum.finite_elements.temperature import heated_terms, held_expansion
 from flexmbd.reduction.stiffening.stress_stiffness import (
     assembled_on_modes,
     is_quadratic,
@@ -57,7 +57,7 @@ def thermal_stiffness(model: LinearModel, rises: Sequence[fem.Function], modes: 
         for form in forms:
             total += assembled_on_modes(fem.form(form), at, fields=values, modes=whole)
     everywhere = model.comm.bcast(model.comm.reduce(total, root=0), root=0)
-    fields = [found for found in map(model.held_expansion.fields, rises) if found is not None]
+    fields = [found for found in map(held_expansion(model).fields, rises) if found is not None]
     more = of_whole_fields(model, np.stack(fields, axis=1), whole) if fields else None
     return np.ascontiguousarray(everywhere if more is None else everywhere + more)
 
@@ -65,7 +65,7 @@ def thermal_stiffness(model: LinearModel, rises: Sequence[fem.Function], modes: 
 def thermal_stiffness_matrix(model: LinearModel, rise: fem.Function) -> PETSc.Mat | None:
     """The same of one rise over all dofs, as a new AIJ matrix; None where it is zero. Collective."""
     found = [symmetric_sum(model, _forms(model, rise))]
-    fields = model.held_expansion.fields(rise)
+    fields = held_expansion(model).fields(rise)
     if fields is not None:
         found.append(matrix_of_whole_field(model, fields))
     matrices = [one for one in found if one is not None]
