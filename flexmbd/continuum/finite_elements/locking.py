@@ -12,6 +12,7 @@ from dolfinx import la
 from dolfinx.mesh import exterior_facet_indices
 from numpy.typing import NDArray
 
+from flexmbd.continuum import parallel
 from flexmbd.continuum.finite_elements.elastic_sums import cell_edges, cell_volumes, elastic_sums
 from flexmbd.continuum.finite_elements.linear_model import LinearModel
 from flexmbd.errors import LockingWarning, warn
@@ -60,7 +61,7 @@ def tell_locking(model: LinearModel) -> None:
         return
     layers, share = _thin(model)
     poisson = elastic_sums(model.mesh, model.layout, model.K, model.M).poisson
-    if model.comm.rank != 0 or (share < _SHARE and not poisson > _NEARLY_INCOMPRESSIBLE):
+    if share < _SHARE and not poisson > _NEARLY_INCOMPRESSIBLE:
         return
     thin = share >= _SHARE
     through = layers if thin else _ENOUGH
@@ -68,16 +69,16 @@ def tell_locking(model: LinearModel) -> None:
                "volume"] if thin else []  # fmt: skip
     if poisson > _NEARLY_INCOMPRESSIBLE:
         reasons.append(f"its Poisson's ratio is {poisson:.4g}")
-    warn(
+    text = (
         f"the body is of {cell} cells of degree 1, which lock, and {' and '.join(reasons)}: its bending "
         f"frequencies may be some {_excess(model, cell, poisson, through):.0f} % too high, its stiffness by twice that "
-        "and more. Take degree=2, or four cells and more through each thickness",
-        LockingWarning,
+        "and more. Take degree=2, or four cells and more through each thickness"
     )
+    parallel.on_root(model.comm, lambda: warn(text, LockingWarning))
 
 
 def _excess(model: LinearModel, cell: str, poisson: float, through: int) -> float:
-    """%, by how much a bending frequency is too high with so many cells through the thickness; on rank 0 alone."""
+    """%, by how much a bending frequency is too high with so many cells through the thickness, by this rank's cells."""
     table = np.array(_TOO_HIGH[cell])[:, through - 1]
     ratio = np.interp(-np.log(1.0 - 2.0 * min(poisson, 0.4999)), -np.log(1.0 - 2.0 * _POISSON), table)
     edges = np.sort(np.linalg.norm(cell_edges(model.mesh), axis=2), axis=1)
