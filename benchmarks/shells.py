@@ -204,7 +204,7 @@ def _say(report: Report, name: str, by: str, n: int, one: Found, exact: float) -
 
 def _compare(report: Report, name: str, rows: dict[str, list[tuple[float, float]]]) -> None:
     """Other programs' times over the solid-shell's, each by the first mesh that comes within 2 %."""
-    times = {by: next((seconds for error, seconds in found if error < 0.02), float("nan")) for by, found in rows.items()}
+    times = {by: next((s for error, s in found if error < 0.02), float("nan")) for by, found in rows.items()}
     for peer in (KRATOS, CALCULIX):
         report.beside(
             name, task="linear, to 2 %", peer=peer, theirs=times.get(peer, float("nan")), ours=times["solid_shell"]

@@ -5,9 +5,9 @@
 CalculiX makes a brick of twenty nodes (C3D20R) of each, and that is written here: where a shell's rotation is held, as
 on a plane of symmetry, it ties the nodes of its normal to a rigid body, and the wall locks (a quarter of the pinched
 cylinder's displacement on 16 x 16). Without planes of symmetry, of the whole cylinder of as large cells, S8R itself has
-0.8692, 0.9720 and 1.0022 of the displacement where the octant's 4, 8 and 16 have 0.8683, 0.9704 and 0.9997: the force is
-on the middle node alone there. Prints one line of JSON: seconds of processor time of the whole program, unknowns,
-how far the watched point moves.
+0.8692, 0.9720 and 1.0022 of the displacement where the octant's 4, 8 and 16 cells have 0.8683, 0.9704 and 0.9997: there
+the force is on the middle node alone. Prints one line of JSON: seconds of processor time of the whole program,
+unknowns, how far the watched point moves.
 """
 
 from __future__ import annotations
