@@ -12,7 +12,6 @@ import flexmbd as fm
 from flexmbd import forms, meshes
 from flexmbd.continuum import (
     ContinuumModel,
-    Electrode,
     Heating,
     Interface,
     NonlinearModel,
@@ -30,7 +29,6 @@ from flexmbd.forms import (
     solid_micropolar,
     solid_mixed,
     solid_orthotropic,
-    solid_piezo,
 )
 from flexmbd.reduction import (
     Keep,
@@ -311,10 +309,6 @@ def test_temperatures_that_would_be_left_out_are_refused():
     incompressible = ContinuumModel(mesh, solid_mixed, rigid, degree=2, interfaces=[Interface("x_min")])
     with pytest.raises(FlexmbdError, match=r"solid_mixed: what keeps its volume .* no finite pressure.* below 1/2"):
         craig_bampton(incompressible, **reduce)
-    ceramic = dataclasses.replace(solid_piezo.reference().parameters, alpha33=1e-6)
-    electrodes = {"interfaces": [Interface("x_min")], "conditions": [Electrode("z_max")]}
-    with pytest.raises(FlexmbdError, match=r"'heat': .*no charge .* onto the electrodes 'z_max'; .*ground them"):
-        craig_bampton(ContinuumModel(mesh, solid_piezo, ceramic, degree=1, **electrodes), **reduce)
     mesh = meshes.line(1.0, divisions=4, comm=COMM)
     section = forms.beam_timoshenko.Parameters.rectangle(E, 0.3, 7800.0, width=0.1, height=0.1, orientation=(0, 1, 0))
     beam = ContinuumModel(mesh, forms.beam_timoshenko, section, degree=2, interfaces=[Interface("start")])
