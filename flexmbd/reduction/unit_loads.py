@@ -18,10 +18,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from flexmbd.continuum import compat, parallel
 from flexmbd.continuum.finite_elements.discretisation import Discretisation
+from flexmbd.continuum.finite_elements.held_expansion import held_expansion
 from flexmbd.continuum.finite_elements.linear_model import LinearModel
 from flexmbd.continuum.finite_elements.temperature import (
     checked_rise,
-    held_expansion,
     refuse_nonlinear_expansion,
     refuse_without_expansion,
     rise_function,

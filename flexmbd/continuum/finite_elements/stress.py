@@ -15,15 +15,10 @@ from numpy.typing import ArrayLike, NDArray
 from flexmbd.continuum import compat
 from flexmbd.continuum.finite_elements.cell_group import CellGroup
 from flexmbd.continuum.finite_elements.gathered_nodes import GatheredNodes, von_mises
+from flexmbd.continuum.finite_elements.held_expansion import held_expansion, thermal_stress
 from flexmbd.continuum.finite_elements.nodes import node_numbers
 from flexmbd.continuum.finite_elements.recovery import ReductionModel, nodal_modes, node_rows
-from flexmbd.continuum.finite_elements.temperature import (
-    held_expansion,
-    refuse_without_expansion,
-    scalar_function,
-    set_at_nodes,
-    thermal_stress,
-)
+from flexmbd.continuum.finite_elements.temperature import refuse_without_expansion, scalar_function, set_at_nodes
 from flexmbd.errors import FormulationError, RecordError
 from flexmbd.record.reduced_body import Heat, ReducedBody
 from flexmbd.record.stress_field import StressField

@@ -13,9 +13,10 @@ from numpy.typing import NDArray
 
 from flexmbd.continuum import parallel
 from flexmbd.continuum.finite_elements.condensed_stiffness import CondensedStiffness
+from flexmbd.continuum.finite_elements.held_expansion import HeldExpansion
 from flexmbd.continuum.finite_elements.nodes import node_numbers
 from flexmbd.continuum.finite_elements.surface_patch import SurfacePatch, surface_facets
-from flexmbd.continuum.finite_elements.temperature import HeldExpansion, rise_function
+from flexmbd.continuum.finite_elements.temperature import rise_function
 from flexmbd.continuum.history.loads import (
     BodyAcceleration,
     BodyLoad,

@@ -19,7 +19,8 @@ from ufl.corealg.map_dag import map_expr_dag
 
 from flexmbd.continuum.contract.substituted_field import SubstitutedField
 from flexmbd.continuum.finite_elements.assembly import integral
-from flexmbd.continuum.finite_elements.temperature import heated_terms, held_expansion
+from flexmbd.continuum.finite_elements.held_expansion import held_expansion
+from flexmbd.continuum.finite_elements.temperature import heated_terms
 from flexmbd.reduction.stiffening.stress_stiffness import (
     assembled_on_modes,
     is_quadratic,
