@@ -10,7 +10,8 @@ displacement's):
   (Dvorkin & Bathe 1984); neighbours share these values, so that cells may be askew;
 - thickness strain: E_33 at the corners, between which it is bilinear (Betsch & Stein 1995), and
   besides linear through the thickness, where the stress has no say (Buechter, Ramm & Roehl 1994); or, where walls
-  bend far and yield, the change of volume in its place, as flow keeps that: sqrt(C_33) times the area in the wall;
+  bend far and yield, the change of volume in its place, as flow keeps that: sqrt(C_33) times the area in the wall,
+  which it is but for transverse shear;
 - membrane strain: four incompatible modes, so that the wall bends in its own plane (Simo & Rifai
   1990).
 
@@ -37,17 +38,15 @@ _FIELDS = 16  # constants of a cell: of shears, of shear stresses, of thickness 
 
 
 class _StrainPart(NamedTuple):
-    """A part of the assumed strain: an amount times a tensor, in place of what the displacement's strain has of it.
+    """A part of the assumed strain: an amount times a tensor.
 
     Attributes:
         tensor: (3, 3), symmetric.
         amount: of the fields of the cell, linear in them.
-        own: (3, 3), symmetric, whose product with the displacement's strain is what that has of it; zero: on top of it.
     """
 
     tensor: Expr
     amount: Callable[[_Fields], Expr]
-    own: Expr
 
 
 class _Tie(NamedTuple):
@@ -132,7 +131,7 @@ def assumed_strain(w: Expr, modulus: Expr, *, by_volume: bool = False) -> Assume
     Args:
         w: of this ``element``.
         modulus: Pa, of the material; gives the stresses among the fields no dimension, and changes no result.
-        by_volume: whether the field of the thickness is the change of volume; else it is E_33.
+        by_volume: whether the field of the thickness is the change of volume but for transverse shear; else E_33.
     """
     domain = ufl.domain.extract_unique_domain(w)
     centre, place = _centre(domain)
@@ -145,13 +144,15 @@ def assumed_strain(w: Expr, modulus: Expr, *, by_volume: bool = False) -> Assume
     dual, square = ufl.inv(edge), ufl.dot(edge[:, 2], edge[:, 2])
     normal, third = ufl.outer(dual[2, :], dual[2, :]), ufl.outer(edge[:, 2], edge[:, 2])
     shears, modes = list(_shears(edge, dual, over, size, place)), _membrane(place, over, size, ratio)
+    slanted = [ufl.sym(ufl.outer(edge[:, a], edge[:, 2])) for a in range(2)]
     membrane = sum(mode.amount(fields) * mode.tensor for mode in modes)
     # modes change the volume by their trace, whose mean is zero; the tie has none of them
     swells = ufl.Identity(3) if by_volume else ufl.zero(3, 3)
     field = fields.thickness + ufl.inner(swells, membrane)
     across = _at_volume(field, *_area(edge, own + membrane)) if by_volume else _as_given(field)
     have = _volume(edge, own) if by_volume else (ufl.inner(third, own) / square, third / square)
-    ties = [*_shear_ties(own, edge, over, size, place), _Tie(_thickness_stress(place), *have, lambda f: f.thickness)]
+    ties = [*_shear_ties(own, slanted, edge, over, size, place)]
+    ties.append(_Tie(_thickness_stress(place), *have, lambda f: f.thickness))
     corners = Quadrature(1, "vertex")
 
     def lack(tie: _Tie) -> Expr:
@@ -165,10 +166,10 @@ def assumed_strain(w: Expr, modulus: Expr, *, by_volume: bool = False) -> Assume
         varied, through = _fields(v), ufl.inner(stress, normal)
         on_field, on_wall = through * square * across.by_field, stress + through * square * across.by_wall
         work, left = on_field * varied.thickness, on_wall - through * third
-        for shear in shears:
+        for shear, slant in zip(shears, slanted, strict=True):
             amount = ufl.inner(stress, shear.tensor)
             work += amount * shear.amount(varied)
-            left -= amount * shear.own
+            left -= amount * slant
         on_modes = on_wall + on_field * swells
         for mode in modes:
             work += ufl.inner(on_modes, mode.tensor) * mode.amount(varied)
@@ -183,7 +184,10 @@ def assumed_strain(w: Expr, modulus: Expr, *, by_volume: bool = False) -> Assume
         return [(modulus * ratio * (work + on_own(left, v)), corners)]
 
     change = membrane + (square * across.strain - ufl.inner(third, own)) * normal
-    change += sum((shear.amount(fields) - ufl.inner(shear.own, own)) * shear.tensor for shear in shears)
+    change += sum(
+        (shear.amount(fields) - ufl.inner(slant, own)) * shear.tensor
+        for shear, slant in zip(shears, slanted, strict=True)
+    )
     tie = sum(tie.stress(fields) * lack(tie) for tie in ties)
     return AssumedStrain(own + change, [(modulus * ratio * tie, corners)], virtual_work, virtual_ties)
 
@@ -214,7 +218,7 @@ def _at_volume(field: Expr, area: Expr, by_wall: Expr) -> _Thickness:
 
 
 def _volume(edge: Expr, strain: Expr) -> tuple[Expr, Expr]:
-    """A sqrt(C_33) - 1 of a strain, and its derivative by that."""
+    """A sqrt(C_33) - 1 of a strain, the change of volume without transverse shear, and its derivative by the strain."""
     area, by_wall = _area(edge, strain)
     square = ufl.dot(edge[:, 2], edge[:, 2])
     through = ufl.dot(edge[:, 2], strain * edge[:, 2]) / square
@@ -244,15 +248,17 @@ def _shears(edge: Expr, dual: Expr, over: Expr, size: list[Expr], place: Expr) -
         def shear(fields: _Fields, a: int = a, scale: Expr = scale, vector: Any = vector) -> Expr:
             return vector(fields) + scale * fields.shear[2 + a] * place[1 - a]
 
-        yield _StrainPart(_pair(dual[a, :], dual[2, :]), shear, ufl.sym(ufl.outer(edge[:, a], edge[:, 2])))
+        yield _StrainPart(_pair(dual[a, :], dual[2, :]), shear)
 
 
 def _sides(place: Expr) -> list[Expr]:
     return [ufl.conditional(ufl.gt(place[k], 0.0), 1.0, -1.0) for k in range(2)]
 
 
-def _shear_ties(own: Expr, edge: Expr, over: Expr, size: list[Expr], place: Expr) -> Iterator[_Tie]:
-    """Of both transverse shears."""
+def _shear_ties(
+    own: Expr, slanted: list[Expr], edge: Expr, over: Expr, size: list[Expr], place: Expr
+) -> Iterator[_Tie]:
+    """Of both transverse shears, which are the products of ``own`` with two tensors ``slanted``."""
     side = _sides(place)
     for a in range(2):
         scale, vector = size[a] * size[2], _shear_vector(edge, over, size, a)
@@ -264,7 +270,7 @@ def _shear_ties(own: Expr, edge: Expr, over: Expr, size: list[Expr], place: Expr
         def given(fields: _Fields, a: int = a, scale: Expr = scale, vector: Any = vector) -> Expr:
             return vector(fields) / scale + fields.shear[2 + a] * side[1 - a]
 
-        slope = ufl.sym(ufl.outer(edge[:, a], edge[:, 2])) / scale
+        slope = slanted[a] / scale
         yield _Tie(stress, ufl.inner(slope, own), slope, given)
 
 
@@ -300,13 +306,13 @@ def _centre(domain: ufl.Mesh) -> tuple[Expr, Expr]:
 
 def _membrane(place: Expr, over: Expr, size: list[Expr], stretch: Expr) -> list[_StrainPart]:
     """The incompatible membrane strain; its mean over the cell is zero."""
-    first, second, none = over[0, :], over[1, :], ufl.zero(3, 3)
+    first, second = over[0, :], over[1, :]
 
     def shear(fields: _Fields) -> Expr:
         return stretch * size[0] * size[1] * (fields.membrane[2] * place[0] + fields.membrane[3] * place[1])
 
     return [
-        _StrainPart(ufl.outer(first, first), lambda f: stretch * size[0] ** 2 * place[0] * f.membrane[0], none),
-        _StrainPart(_pair(first, second), shear, none),
-        _StrainPart(ufl.outer(second, second), lambda f: stretch * size[1] ** 2 * place[1] * f.membrane[1], none),
+        _StrainPart(ufl.outer(first, first), lambda f: stretch * size[0] ** 2 * place[0] * f.membrane[0]),
+        _StrainPart(_pair(first, second), shear),
+        _StrainPart(ufl.outer(second, second), lambda f: stretch * size[1] ** 2 * place[1] * f.membrane[1]),
     ]

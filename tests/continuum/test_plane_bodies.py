@@ -262,6 +262,10 @@ def test_what_cannot_be_plane_is_refused():
     across = np.isin(held, body.held_dofs) & (body.layout.node_x[held // 3, 0] > 0.5)
     with pytest.raises(FormulationError, match="moves nodes out of the plane of the body at 1"):
         follow(body, [1.0], prescribed=held, displacement=lambda t: 0.1 * t * across)
+    # what a rotation of the plane rounds is none of it
+    pulled = np.where(across, 1e-19, 1e-2 * (held % 3 == 0) * (body.layout.node_x[held // 3, 0] > 0.5))
+    follow(body, [1.0], prescribed=held, displacement=lambda t: t * pulled)
+    assert not body.displacement[body.held_dofs].any()
 
 
 def test_made_twice_it_takes_the_same_parameters():

@@ -1,11 +1,12 @@
 """Slow loading of slender bodies that bend a lot: in as many steps as of fat ones, to the elastica."""
 
-import sys
+import types
 
 from mpi4py import MPI
 
 import numpy as np
 import pytest
+import ufl
 from full_model import gather
 from scipy.integrate import solve_bvp
 
@@ -17,7 +18,7 @@ from flexmbd.forms import neo_hookean, solid_enhanced, solid_shell, st_venant_ki
 LOADS = [0.5, 1.0, 2.0, 4.0, 6.0, 8.0, 10.0]
 
 
-def bent(slenderness, n, form=st_venant_kirchhoff):
+def bent(slenderness, n, form=st_venant_kirchhoff, *, loads=LOADS, along=follow):
     """The path of a clamped square bar of 1 m under a dead force across its end, in E I, and the end's displacement."""
     height, degree = 1.0 / slenderness, max(form.ORDER)
     mesh = meshes.wall(meshes.sheet(1.0, height, divisions=(n, 1), comm=MPI.COMM_SELF), height)
@@ -26,7 +27,7 @@ def bent(slenderness, n, form=st_venant_kirchhoff):
     end = body.displacement_dofs[body.layout.nodes_on(2, mesh.facets("x_max"))]
     across = np.zeros(body.n_owned)
     across[end[:, 2]] = 1e9 * height**4 / 12 / len(end)
-    path = follow(body, LOADS, prescribed=held, load=lambda t: t * across)
+    path = along(body, loads, prescribed=held, load=lambda t: t * across)
     return path, body.displacement[end].mean(axis=0)
 
 
@@ -86,23 +87,48 @@ def test_the_prediction_of_a_homogeneous_step(form):
     assert gained[0] - gained[1] == pytest.approx(np.trace(excess @ other.T @ other), rel=1e-6)
 
 
+def small_strain():
+    """St Venant-Kirchhoff's energy of the linear strain, whose stress does not turn with the body."""
+    module = types.ModuleType("small_strain")
+    vars(module).update({name: value for name, value in vars(st_venant_kirchhoff).items() if name[:2] != "__"})
+
+    def strain_energy(u, p):
+        e = ufl.sym(ufl.grad(u))
+        energy = p.E / (2 * (1 + p.nu)) * (ufl.inner(e, e) + p.nu / (1 - 2 * p.nu) * ufl.tr(e) ** 2)
+        return [(energy, st_venant_kirchhoff.Quadrature(2))]
+
+    module.strain_energy = strain_energy  # type: ignore[attr-defined]
+    return module
+
+
+def test_of_small_strain_nothing_is_predicted_whatever_the_step():
+    """A step of which a hundredth is so small that nothing turns is judged as a whole."""
+    law, mesh = st_venant_kirchhoff.Parameters(E=3.0, nu=0.3, rho=1.0), meshes.block(1, 1, 1, divisions=(1, 1, 1))
+    body = NonlinearModel(mesh, small_strain(), law, degree=1, cell_means=False)
+    slope = np.array([[0.02, -0.3, 0.1], [0.2, 0.03, 0.05], [-0.1, 0.02, -0.01]])
+    for size in 10.0 ** np.arange(-8, 1):
+        step = size * (body.layout.node_x @ slope.T).reshape(-1)
+        force = body.norm(body.force(step))
+        assert body.norm(body.predict_stress(0.0 * step, step)) < size * force
+
 
 @pytest.mark.parametrize("slenderness", [100.0, 1000.0])
 @pytest.mark.parametrize("load", [1e-4, 1e-7])
-def test_a_law_in_f_finds_its_place_under_loads_below_its_round_off(slenderness, load, monkeypatch):
+def test_a_law_in_f_finds_its_place_under_loads_below_its_round_off(slenderness, load):
     """That of a law in E, which has no round-off of F; forces out of balance are those across the bar."""
-    monkeypatch.setattr(sys.modules[__name__], "LOADS", [load])
-    (path, moved), (_, exact) = (bent(slenderness, 10, form) for form in (neo_hookean, st_venant_kirchhoff))
+    (path, moved), (_, exact) = (
+        bent(slenderness, 10, form, loads=[load]) for form in (neo_hookean, st_venant_kirchhoff)
+    )
     assert path.cuts == 0
     assert moved[2] == pytest.approx(exact[2], rel=1e-5)
 
 
-def test_a_path_of_a_law_in_f_begins_under_loads_below_its_round_off(monkeypatch):
+def test_a_path_of_a_law_in_f_begins_under_loads_below_its_round_off():
     def along(body, times, *, prescribed, load):
         return equilibrium_path(body, fm.Continuation(to=times[-1]), prescribed=prescribed, load=load)
 
-    monkeypatch.setattr(sys.modules[__name__], "LOADS", [1e-7])
-    monkeypatch.setattr(sys.modules[__name__], "follow", along)
-    (path, moved), (_, exact) = (bent(1000.0, 10, form) for form in (neo_hookean, st_venant_kirchhoff))
+    (path, moved), (_, exact) = (
+        bent(1000.0, 10, form, loads=[1e-7], along=along) for form in (neo_hookean, st_venant_kirchhoff)
+    )
     assert path.factors[-1] == 1e-7
     assert moved[2] == pytest.approx(exact[2], rel=1e-5)

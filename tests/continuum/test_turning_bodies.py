@@ -279,6 +279,53 @@ def test_a_shaft_that_is_twisted_far_is_solved_for_its_rotations():
         assert one == pytest.approx(other, abs=1e-8 * abs(other).max())
 
 
+@pytest.mark.parametrize("form", [BEAM, EXACT])
+def test_slopes_at_rest_know_how_far_frames_have_turned(form):
+    """The second frame by 0.94 rad against the first; central differences of 1e-5 m and rad."""
+    interior = ImplicitContinuum(rod(form))
+    p, R = (np.array([getattr(one, name) for one in interior.frames]) for name in ("p_BI_B", "R_BI"))
+    still, first, second = np.zeros((2, 3)), np.array([0.2, -0.1, 0.3]), np.array([0.8, 0.1, -0.5])
+
+    def at(y, share=1.0):
+        move, turn = np.split(y.reshape(2, 6), 2, axis=1)
+        whole = Rotation.from_rotvec(share * first)
+        turned = np.array([whole.as_matrix(), (whole * Rotation.from_rotvec(share * second)).as_matrix()])
+        return FrameMotion(
+            p @ turned[0].T + move, Rotation.from_rotvec(turn).as_matrix() @ turned @ R, still, still, still, still
+        )
+
+    interior.begin(0.0, at(np.zeros(12), 0.0), np.zeros(3))
+    for share in (0.25, 0.5, 0.75, 1.0):
+        interior.equilibrate(0.0, at(np.zeros(12), share))
+        interior.commit()
+    slopes = interior.equilibrate(0.0, at(np.zeros(12)))[1]
+    ends = [[interior.equilibrate(0.0, at(s * 1e-5 * unit))[0].reshape(-1) for s in (1.0, -1.0)] for unit in np.eye(12)]
+    found = np.array([(there - back) / 2e-5 for there, back in ends]).T
+    moments = slopes[9:, 9:]
+    assert found[9:, 9:] == pytest.approx(moments, abs=1e-6 * abs(moments).max())
+    assert found == pytest.approx(slopes, abs=1e-6 * abs(slopes).max())
+
+
+@pytest.mark.parametrize("form", [BEAM, EXACT])
+def test_a_beam_that_is_bent_far_vibrates_as_the_exact_beam(form):
+    """Lifted at its end by 0.98 rad; sections have the inertia of their own axes, a tenth of one frequency."""
+    thick = BEAM.Parameters.rectangle(2e7, 0.3, 1500.0, width=0.3, height=0.15, orientation=(0.0, 1.0, 0.0))
+    points = {"a": (0.0, 0.0, 0.0), "b": (1.0, 0.0, 0.0)}
+    exact = fm.ExactBeam(points, {"beam": [("a", "b")]}, {"beam": thick}, 32)
+    found = []
+    for part, first, last in ((full(rod(form, thick, 8, 2)), "start", "end"), (exact, "a", "b")):
+        scene = fm.System()
+        body = scene.add(part, name="beam")
+        scene.connect(fm.joint.Fixed(), scene.ground.frame(), body.frame(first))
+        lift = 3.0 * thick.E * thick.Iy
+        scene.add_force(fm.force.FrameForce(body.frame(last), force=(0.0, 0.0, lift)))
+        point = scene.equilibrium()
+        assert point.rotation(body.frame(last))[0, 0] < 0.6
+        frequencies = scene.linearize(about=point).frequencies()
+        found.append(frequencies[frequencies > 1e-3][:6])
+    assert found[0] == pytest.approx(found[1], rel=2e-3)
+
+
 def test_it_sags_at_rest_as_a_beam_does():
     scene, body, tip = pendulum(full(rod(degree=2, cells=4)), spin=0.0, joint=fm.joint.Fixed())
     point = scene.equilibrium()
@@ -363,6 +410,16 @@ def test_what_beams_and_plates_cannot_do_is_refused():
     scene, body, tip = pendulum(full(sheet(comm=comm)))
     with pytest.raises(SceneError, match=r"is a beam or a plate.*put shapes on its frames"):
         scene.touch(fm.contact.Nodes(body, tip), fm.contact.HalfSpace(scene.ground.frame()), fm.contact.Hard())
+
+
+@pytest.mark.mpi
+def test_the_watch_on_rotations_is_an_error_of_all_ranks_where_warnings_are():
+    soft = PLATE.Parameters(E=5e6, nu=0.3, rho=2700.0, t=0.02)
+    scene, *_ = pendulum(full(sheet(soft, comm=MPI.COMM_WORLD)), spin=0.0, joint=fm.joint.Fixed())
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", RangeWarning)
+        with pytest.raises(RangeWarning, match="a node has turned by"):
+            scene.simulate(0.15, h=1e-2, integrator=ALPHA)
 
 
 def test_small_rotations_are_watched_and_finite_ones_are_not():

@@ -59,7 +59,7 @@ def full_flexibility(record):
 @pytest.mark.filterwarnings("ignore::flexmbd.errors.ModesWarning", "ignore::flexmbd.errors.StartWarning")
 @pytest.mark.parametrize("names", [("above", "below"), ("both",)], ids=["two surfaces", "one surface"])
 def test_a_squeezed_block_is_the_full_model_with_any_number_of_modes(names):
-    """Between two rigid plates, of which the upper one is tilted and leaves some of the patches."""
+    """It lies between two rigid plates. The upper one is tilted, so that some of the patches lift off it."""
     exact = None
     for modes in (1, 6, 20):
         record = block(modes, names)

@@ -116,16 +116,16 @@ def condense(
 def checked_conditions(
     conditions: Sequence[Condition], forms: DiscreteForms, shifts: Mapping[str, Any]
 ) -> Sequence[Condition]:
-    """The conditions; refuses those that differ between ranks, or are on a field without a gauge. Collective.
+    """The conditions, which are the same on all ranks, each on a field that a gauge names. Collective.
 
     Args:
         conditions: as they were given.
         forms: the formulations on the mesh.
-        shifts: of the fields with a gauge, by their names.
+        shifts: by the names of the fields that the formulation's gauge has.
 
     Raises:
-        MeshError: on all ranks: what is no condition, or one named twice.
-        FormulationError: on all ranks: the formulation has no such gauge.
+        MeshError: on all ranks: they differ between ranks; one is no condition; two have one name.
+        FormulationError: on all ranks: no gauge of the formulation names the field of one.
     """
     parallel.check_same(forms.comm, MeshError, conditions=repr(conditions))
     given = refuse_no_conditions(conditions)

@@ -6,11 +6,13 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 
+from mpi4py import MPI
 from petsc4py import PETSc
 
 import numpy as np
 from numpy.typing import NDArray
 
+from flexmbd.continuum import parallel
 from flexmbd.continuum.compat import cell_nodes
 from flexmbd.continuum.contract.dof_layout import DofLayout
 from flexmbd.continuum.grid.tagged_mesh import TaggedMesh
@@ -115,8 +117,8 @@ def cell_volumes(mesh: TaggedMesh) -> FloatArray:
     return volumes
 
 
-def tell_units(sums: ElasticSums, rank: int) -> None:
-    """Warn on rank 0 of density or stiffness that no material has in SI units; not collective.
+def tell_units(sums: ElasticSums, comm: MPI.Comm) -> None:
+    """Warn on rank 0 of density or stiffness that no material has in SI units. Collective.
 
     Warns:
         UnitWarning: the density, or the speed of waves.
@@ -131,10 +133,9 @@ def tell_units(sums: ElasticSums, rank: int) -> None:
         odd = f"waves run through the body with some {speed:.2g} m/s at a density of {density:.3g} kg/m^3"
     else:
         return
-    if rank == 0:
-        warn(
-            f"{odd}, which no material does in SI units: lengths are m, rho kg/m^3 (steel 7850), E Pa (steel 2.1e11). "
-            "In another consistent system of units all results are in that system, except gravity and files whose "
-            "units are fixed; a material that is soft on purpose is computed as given",
-            UnitWarning,
-        )
+    text = (
+        f"{odd}, which no material does in SI units: lengths are m, rho kg/m^3 (steel 7850), E Pa (steel 2.1e11). "
+        "In another consistent system of units all results are in that system, except gravity and files whose "
+        "units are fixed; a material that is soft on purpose is computed as given"
+    )
+    parallel.on_root(comm, lambda: warn(text, UnitWarning))

@@ -175,7 +175,7 @@ def find_conditions(
     Raises:
         MeshError: on all ranks: what is no condition, a group that the mesh has not or that is empty, two that share
             dofs, one named twice.
-        FormulationError: on all ranks: the formulation has no such gauge; formulations name different ones.
+        FormulationError: on all ranks: as `checked_conditions`; formulations name different gauges.
     """
     shifts = uniform_shifts(forms.groups, forms.layout)
     given = checked_conditions(conditions, forms, shifts)

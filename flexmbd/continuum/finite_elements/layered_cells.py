@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from flexmbd.continuum import parallel
 from flexmbd.continuum.contract.entries import is_layered
 from flexmbd.continuum.finite_elements.cell_group import CellGroup
 from flexmbd.continuum.finite_elements.elastic_sums import cell_edges
@@ -29,11 +30,12 @@ def tell_layers(mesh: TaggedMesh, groups: Sequence[CellGroup]) -> None:
     here = np.concatenate([group.cells[group.cells < len(lengths)] for group in layered])
     thick = lengths[here, 2] > _THICK * lengths[here, :2].min(axis=1)
     count, total = mesh.comm.allreduce(np.array([np.count_nonzero(thick), len(here)]))
-    if count and mesh.comm.rank == 0:
-        warn(
-            f"{layered[0].form_name} takes the third edges of its cells for the thickness of a wall, and in {count} of "
-            f"{total} cells they are more than {_THICK:g} times as long as another edge: it locks there as bricks "
-            "do. Make the mesh by meshes.wall(surface, thickness), or list the corners of each brick so that the first "
-            "four lie on one face of the wall",
-            LockingWarning,
-        )
+    if not count:
+        return
+    text = (
+        f"{layered[0].form_name} takes the third edges of its cells for the thickness of a wall, and in {count} of "
+        f"{total} cells they are more than {_THICK:g} times as long as another edge: it locks there as bricks "
+        "do. Make the mesh by meshes.wall(surface, thickness), or list the corners of each brick so that the first "
+        "four lie on one face of the wall"
+    )
+    parallel.on_root(mesh.comm, lambda: warn(text, LockingWarning))

@@ -14,6 +14,7 @@ from dolfinx import la
 from dolfinx.mesh import entities_to_geometry, exterior_facet_indices
 from numpy.typing import NDArray
 
+from flexmbd.continuum import parallel
 from flexmbd.continuum.compat import cell_nodes
 from flexmbd.continuum.finite_elements.discrete_forms import DiscretisedBody
 from flexmbd.continuum.finite_elements.elastic_sums import cell_edges, cell_volumes, elastic_sums
@@ -92,22 +93,23 @@ def tell_locking_cells(
         return
     layers, share = _thin(body, held)
     ratio = poisson()
+    means = means and cell == "hexahedron"  # of a tetrahedron of degree 1 every strain is a mean
     thin, dense = share >= _SHARE, ratio > _NEARLY_INCOMPRESSIBLE and not means
     by_means = _excess_by_means(body, ratio, layers) if means and thin else 0.0
-    if body.comm.rank != 0 or not (dense or (thin and (not means or by_means > _STIFF))):
+    if not (dense or (thin and (not means or by_means > _STIFF))):
         return
     reasons = [f"{'one cell lies' if layers == 1 else f'{layers} cells lie'} through {100.0 * share:.0f} % of its "
                "volume"] if thin else []  # fmt: skip
     if dense:
         reasons.append(f"its Poisson's ratio is {ratio:.4g}")
     excess = by_means if means else _excess(body, cell, ratio, layers if thin else _ENOUGH)
-    warn(
+    text = (
         f"the body is of {cell} cells of degree 1, which lock, and {' and '.join(reasons)}: its bending "
         f"frequencies may be some {100.0 * (np.sqrt(1.0 + excess) - 1.0):.0f} % too high, its stiffness by twice that "
         "and more. Take degree=2, four cells and more through each thickness, or a form whose cells bend by fields of "
-        "their own (solid_enhanced; of walls solid_shell, wall_form)",
-        LockingWarning,
+        "their own (solid_enhanced; of walls solid_shell, wall_form)"
     )
+    parallel.on_root(body.comm, lambda: warn(text, LockingWarning))
 
 
 def _excess_by_means(body: DiscretisedBody, poisson: float, through: int) -> float:
@@ -126,7 +128,7 @@ def _excess_by_means(body: DiscretisedBody, poisson: float, through: int) -> flo
 
 
 def _excess(body: DiscretisedBody, cell: str, poisson: float, through: int) -> float:
-    """By what share cells are too stiff in bending, with so many through the thickness; on rank 0 alone."""
+    """By what share cells are too stiff in bending, with so many through the thickness, by this rank's cells."""
     table = np.array(_TOO_HIGH[cell])[:, through - 1]
     ratio = np.interp(-np.log(1.0 - 2.0 * min(poisson, 0.4999)), -np.log(1.0 - 2.0 * _POISSON), table)
     edges = np.sort(np.linalg.norm(cell_edges(body.mesh), axis=2), axis=1)

@@ -71,8 +71,8 @@ class ContinuumModel(LinearModel):
             FormulationError: a form file breaks its contract, or does not fit its parameters, the
                 cell or the degree; the pairs do not fit the cell groups or each other; K or M has
                 entries that are not finite; terms on facets without `surfaces`; a field of one cell that its own
-                equations do not determine; electrodes on a field of which the formulation names no gauge; a plane
-                formulation (`plane_form`).
+                equations do not determine; electrodes, where the formulation has no `gauge` that names their
+                field; a plane formulation (`plane_form`).
             InterfaceError: an interface cannot carry a frame (see `find_interfaces`), nodal interfaces that do not fit
                 (`find_nodal_groups`), or the ranks were given different ones.
             MeshError: `mesh` is not a `TaggedMesh`; with several pairs, cells in no group or in two; `surfaces` on
@@ -123,7 +123,7 @@ class ContinuumModel(LinearModel):
             stiffness = condensed.stiffness(assembly.derivatives_at_rest(springs, u))
             (mass,) = assembly.assemble(integrals, forms.groups, forms.space)
         if not forms.surfaces:
-            tell_units(elastic_sums(mesh, forms.layout, stiffness, mass), mesh.comm.rank)
+            tell_units(elastic_sums(mesh, forms.layout, stiffness, mass), mesh.comm)
         if forms.ties is not None:
             alone = stiffness, mass
             stiffness, mass = (forms.ties.condensed(matrix, keeps_diagonal=False) for matrix in alone)

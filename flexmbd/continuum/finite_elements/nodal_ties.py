@@ -22,6 +22,7 @@ from scipy.sparse import csr_array
 
 from flexmbd.continuum.contract.dof_layout import DofLayout
 from flexmbd.errors import FlexmbdError
+from flexmbd.round_off import EQUAL
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -137,7 +138,7 @@ class NodalTies:
         led = self._gathered(given, *self._lead, self.weights.shape[1])
         follow = self._gathered(given, *self._follow, len(self.numbers))
         open_share = np.asarray(abs(self.weights) @ (1.0 - led)).reshape(-1, 3)
-        wrong = np.flatnonzero(((follow > 0.0) & (open_share > 0.0)).any(axis=1))
+        wrong = np.flatnonzero(((follow > 0.0) & (open_share > EQUAL)).any(axis=1))
         if len(wrong):
             raise kind(
                 f"{by} hold node {self.numbers[wrong[0]]} at {told_place(self.places[wrong[0]])} m, which follows "

@@ -81,8 +81,8 @@ def with_welds(forms: DiscreteForms, welds: Sequence[Weld]) -> DiscreteForms:
     Raises:
         MeshError: on all ranks: what is no weld, or not the same on all ranks; an unknown or empty group; cells that
             are no solids, or unknowns besides the displacement; nodes that are too far from the facets, or in a
-            circle; a weld all of whose nodes follow by welds before it; a spot of fewer than three nodes; nodes that
-            an interface holds; pieces of the mesh that can move against each other.
+            circle; a weld all of whose nodes follow by welds before it; a spot of fewer than three nodes, or larger
+            than the group; nodes that an interface holds; pieces of the mesh that can move against each other.
     """
     described = [_described(one) for one in welds] if is_list(welds) else repr(welds)
     parallel.check_same(forms.comm, MeshError, welds=described)
@@ -134,7 +134,8 @@ def _ties(weld: Weld, forms: DiscreteForms, known: IntArray) -> list[Tie]:
     if not len(x):
         raise MeshError(f"{weld}: all nodes of {weld.nodes!r} are nodes of {weld.facets!r} already; leave the weld out")
     if weld.points is not None:
-        chosen = np.unique(np.concatenate([*_spots(weld, numbers_of, x)]))
+        chosen = np.unique(np.concatenate([*_spots(weld, x)]))
+        _refuse_large_spots(weld, x)
         numbers_of, x = numbers_of[chosen], x[chosen]
     found = find_places(forms, weld.facets, x, known)
     _refuse_gaps(weld, numbers_of, x, found)
@@ -144,7 +145,7 @@ def _ties(weld: Weld, forms: DiscreteForms, known: IntArray) -> list[Tie]:
     ]
 
 
-def _spots(weld: Weld, numbers_of: IntArray, x: FloatArray) -> Iterator[IntArray]:
+def _spots(weld: Weld, x: FloatArray) -> Iterator[IntArray]:
     """Which of the nodes at x (n, 3) m each spot holds."""
     radius = 0.0 if weld.radius is None else weld.radius
     for point in numbers([] if weld.points is None else weld.points):
@@ -160,6 +161,15 @@ def _spots(weld: Weld, numbers_of: IntArray, x: FloatArray) -> Iterator[IntArray
                 "a larger radius, or smaller cells"
             )
         yield inside
+
+
+def _refuse_large_spots(weld: Weld, x: FloatArray) -> None:
+    extent = float(np.linalg.norm(np.ptp(x, axis=0)))
+    if weld.radius is not None and weld.radius > extent:
+        raise MeshError(
+            f"{weld}: spots of the radius {weld.radius:g} m are larger than {weld.nodes!r}, whose nodes lie "
+            f"{extent:.4g} m apart at most: give the radius in m, or neither points nor radius, and all nodes follow"
+        )
 
 
 def _refuse_gaps(weld: Weld, numbers_of: IntArray, x: FloatArray, found: FoundPlaces) -> None:

@@ -46,7 +46,7 @@ class AppliedLoads:
         factors: their functions of time.
         any: whether there are forces.
         any_follow: whether some of them go by the present places of the nodes.
-        any_heat: whether there are temperatures or voltages, which are no forces.
+        any_given_fields: whether there are temperatures or voltages, which are no forces.
     """
 
     def __init__(self, body: NonlinearModel, loads: Sequence[BodyLoad], *, mass: FloatArray | None = None) -> None:
@@ -67,7 +67,7 @@ class AppliedLoads:
         self.names = tuple(load.name for load in self.loads)
         self.factors: tuple[TimeFactor, ...] = factors_of(self.loads)
         forces = [load for load in self.loads if not isinstance(load, (Heating, Voltage))]
-        self.any, self.any_heat = bool(forces), len(forces) < len(self.loads)
+        self.any, self.any_given_fields = bool(forces), len(forces) < len(self.loads)
         if self.any and body.turns:
             raise FormulationError(
                 f"loads act on nodes that move without turning, and {body.groups[0].form_name} has unknowns that turn; "
@@ -109,7 +109,7 @@ class AppliedLoads:
             raise error
         return found
 
-    def heat(self, values: FloatArray) -> None:
+    def set_given_fields(self, values: FloatArray) -> None:
         """Bring the body to its temperature and its voltages at values of the factors; not collective."""
         if self._volts:
             efforts = np.zeros(len(self._body.ports))
@@ -119,13 +119,13 @@ class AppliedLoads:
         if self._rises:
             self._body.set_temperature(np.asarray(sum(values[k] * rise for k, rise in self._rises.items())))
 
-    def heat_factors(self, values: FloatArray) -> FloatArray:
+    def factors_of_given_fields(self, values: FloatArray) -> FloatArray:
         """(temperatures + voltages,) their factors, taken out of those of all loads (loads,); not collective."""
         return values[list(self._held)]
 
-    def size_of_heat(self, values: FloatArray) -> float:
+    def size_of_given_fields(self, values: FloatArray) -> float:
         """N, 2-norm of the forces that would hold in shape what expands or has voltages; else zero. Collective."""
-        if not self.any_heat:
+        if not self.any_given_fields:
             return 0.0
         return self._body.norm(np.asarray(sum(values[k] * held for k, held in self._held.items())))
 
@@ -304,14 +304,14 @@ class TrialLoads:
     values: FloatArray
     dead: FloatArray
 
-    def heat(self) -> None:
+    def set_given_fields(self) -> None:
         """Bring the body to the temperature and the voltages that go with them; not collective."""
-        self.loads.heat(self.values)
+        self.loads.set_given_fields(self.values)
 
     @property
-    def rise(self) -> FloatArray:
+    def given_fields(self) -> FloatArray:
         """(temperatures + voltages,) their factors."""
-        return self.loads.heat_factors(self.values)
+        return self.loads.factors_of_given_fields(self.values)
 
     def force(self, increment: FloatArray) -> FloatArray:
         """(owned dofs,) N, at a displacement (local dofs,) m. Collective."""
@@ -359,7 +359,7 @@ def _times(matrix: PETSc.Mat, nodal: FloatArray) -> FloatArray:
 
 def _mass_times(body: NonlinearModel, S: FloatArray) -> PETSc.Mat:
     """The consistent mass matrix times a matrix (3, 3) at each node. Collective."""
-    if body.has_rotations:
+    if body.layout.has_further:
         raise FormulationError(
             f"{body.form_name} has unknowns besides the displacement, with which no CentrifugalLoad is taken; let the "
             "body turn in a machine"

@@ -15,6 +15,7 @@ import basix
 import numpy as np
 from numpy.typing import NDArray
 
+from flexmbd.continuum import parallel
 from flexmbd.continuum.contract.dof_layout import DofLayout, Field
 from flexmbd.errors import ConvergenceError, ResolutionWarning, warn
 
@@ -86,13 +87,12 @@ class DamageBands:
             return
         self._edges = []
         lengths = -np.log(max(1.0 - fall, _STEEPEST))
-        if self._comm.rank == 0:
-            warn(
-                f"a damage falls by {100.0 * min(fall, 1.0):.0f} % along an edge of {length:.3g} m, as over a length "
-                f"of {length / lengths:.2g} m: cells so coarse take some {50.0 * lengths / degree:.0f} % too much work "
-                "of fracture. Take cells of a third of the form's length where it breaks, or a longer length",
-                ResolutionWarning,
-            )
+        text = (
+            f"a damage falls by {100.0 * min(fall, 1.0):.0f} % along an edge of {length:.3g} m, as over a length "
+            f"of {length / lengths:.2g} m: cells so coarse take some {50.0 * lengths / degree:.0f} % too much work "
+            "of fracture. Take cells of a third of the form's length where it breaks, or a longer length"
+        )
+        parallel.on_root(self._comm, lambda: warn(text, ResolutionWarning))
 
 
 def _is_nodal_scalar(field: Field) -> bool:

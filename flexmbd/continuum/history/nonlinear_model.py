@@ -172,7 +172,7 @@ class NonlinearModel(TrialBody):
     @property
     def predicts_stress(self) -> bool:
         """Whether stresses follow from where the body is alone, in a group at least, so that a step predicts them."""
-        return not self.has_rotations and any(can_be_predicted(history) for history in self._histories)
+        return not self.layout.has_further and any(can_be_predicted(history) for history in self._histories)
 
     def predict_stress(self, before: FloatArray, after: FloatArray) -> FloatArray:
         """Predict stresses from one of Newton's iterates to the next, for `tangent`. Collective, may compile.
@@ -327,11 +327,7 @@ class NonlinearModel(TrialBody):
         """
         self._refuse(dt, increment=increment)
         increment = self._completed(increment)
-        self._set_trial(increment, self._length(dt))
-        if self.conditions is not None:
-            self.conditions.complete(self._u.x.array)
-        with self.present_mesh():
-            self._run(increment, explicit=True)
+        self._evaluate(increment, dt, explicit=True)
         force = self._summed()
         finite = bool(np.isfinite(force).all()) and all(history.trial_is_finite for history in self._histories)
         if not self.comm.allreduce(finite, op=MPI.LAND):

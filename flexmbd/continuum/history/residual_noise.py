@@ -53,10 +53,10 @@ class ResidualNoise:
 
     @cached_property
     def _edges(self) -> FloatArray:
-        """(owned dofs,) m, the shortest edge of the cells at a dof; zero of rotations, surfaces and lines."""
+        """(owned dofs,) m, the shortest edge of the cells at a dof; zero of surfaces, lines, further unknowns."""
         body, found = self._body, np.zeros(self._body.layout.n_local)
         edges = cell_edges(body.mesh)
-        if body.has_rotations or not len(edges):
+        if body.layout.has_further or not len(edges):
             return found[: body.n_owned]
         shortest = np.linalg.norm(edges, axis=2).min(axis=1)
         nodes = body.space.dofmap.list[: len(edges)]

@@ -14,7 +14,8 @@ prediction over S
 
     tangent + integral of D : sym(grad du^T grad v),    force + integral of D : (F^T grad v).
 
-S is symmetric where the body's stress turns with it; where it is not, as of small strain, there is no geometric part.
+S is symmetric where the body's stress turns with it; where it is not along a step, as of small strain, there is no
+geometric part.
 """
 
 from __future__ import annotations
@@ -71,12 +72,10 @@ class PredictedStress:
         self._places = self._excess.function_space.dofmap.list[group.cells]
 
     def at_hand(self) -> FloatArray:
-        """(cells, points, 3, 3) Pa, second Piola-Kirchhoff stress of what was evaluated last; zero without one."""
+        """(cells, points, 3, 3) Pa, F^-1 P of what was evaluated last."""
         self._fill()
         first, h = np.moveaxis(self._pair.eval(self._mesh, self._cells).reshape(self._shape), 2, 0)
-        found = np.linalg.solve(np.eye(h.shape[-1]) + h, first)
-        lack = found - found.swapaxes(-1, -2)
-        return found if np.linalg.norm(lack) <= SEVEN_DIGITS * np.linalg.norm(found) else np.zeros_like(found)
+        return np.linalg.solve(np.eye(h.shape[-1]) + h, first)
 
     def set_excess(self, excess: FloatArray) -> None:
         """(cells, points, 3, 3) Pa."""
@@ -130,13 +129,23 @@ class StressPredictor:
             self._evaluate(place)
             states.append([part.at_hand() for part in self._parts])
         self._sum.array[:] = 0.0
-        for part, low, high, new in zip(self._parts, *states, strict=True):
-            part.set_excess(_linear(low, high, new) - new)
+        turns = self._turn(states)
+        for part, turn, low, high, new in zip(self._parts, turns, *states, strict=True):
+            part.set_excess(_linear(low, high, new) - new if turn else np.zeros_like(new))
             fem.assemble_vector(self._sum.array, part.force)
         self._sum.scatter_reverse(la.InsertMode.add)
         n = self._u.function_space.dofmap.index_map.size_local * self._u.function_space.dofmap.index_map_bs
         found: FloatArray = self._sum.array[:n].copy()
         return found
+
+    def _turn(self, states: Sequence[Sequence[FloatArray]]) -> NDArray[np.bool_]:
+        """(parts,) whether stresses turn with the body, by all states of a step, the small ones with them. Collective.
+
+        ``states``: of each part S, (cells, points, 3, 3) Pa.
+        """
+        sums = np.array([[((s - s.swapaxes(-1, -2)) ** 2).sum(), (s**2).sum()] for state in states for s in state])
+        every = self._u.function_space.mesh.comm.allreduce(sums.reshape(len(states), -1, 2).sum(axis=0))
+        return np.asarray(every[:, 0] <= SEVEN_DIGITS**2 * every[:, 1])
 
 
 def _linear(low: FloatArray, high: FloatArray, new: FloatArray) -> FloatArray:

@@ -106,7 +106,7 @@ class TangentSolver:
             FormulationError: multigrid is asked for, and there are unknowns besides the displacement.
         """
         self._uses_multigrid = settings.preconditioner is Preconditioner.MULTIGRID
-        if self._uses_multigrid and body.has_rotations:
+        if self._uses_multigrid and body.layout.has_further:
             raise FormulationError(
                 f"{body.groups[0].form_name} has unknowns besides the displacement, which multigrid cannot treat; take "
                 "Preconditioner.FACTOR"

@@ -93,7 +93,7 @@ class TrialBody(DiscretisedBody):
             forms = replace(forms, groups=heated_groups(forms.groups, self.temperature))
         super().__init__(forms, layout=forms.layout, interfaces=forms.interfaces)
         refuse_gyroscopic(forms.groups, by="a body with history")
-        check_references(forms, has_rotations=self.has_rotations)
+        check_references(forms)
         self._u = fem.Function(self.space)
         unknown, shared = self._u, None
         if self.fields is not None:
@@ -164,11 +164,6 @@ class TrialBody(DiscretisedBody):
         x: FloatArray = self.layout.node_x + self.displacement[self.displacement_dofs]
         return x
 
-    @property
-    def has_rotations(self) -> bool:
-        """Whether there are unknowns besides the displacement, as a beam's rotations."""
-        return self.layout.displacement_dofs.size != self.layout.n_local
-
     @cached_property
     def turns(self) -> bool:
         """Whether there are unknowns besides the displacement that rigid motions move, as rotations. Collective."""
@@ -233,7 +228,7 @@ class TrialBody(DiscretisedBody):
         Raises:
             InvertedCellError: on all ranks; names the cell by its place in the mesh file and its centre.
         """
-        if self.has_rotations and self.mesh.dim < 3:  # a beam's sections, not its cells, have an outside
+        if self.layout.has_further and self.mesh.dim < 3:  # a beam's sections, not its cells, have an outside
             return
         with self.present_mesh():
             inverted = find_inverted_cell(self._histories, self._u)
@@ -347,6 +342,7 @@ class TrialBody(DiscretisedBody):
         if self.viscous_forces is not None:
             self._viscous_work += float(self.comm.allreduce(self.viscous_forces.work(increment)))
         self.displacement += increment
+        self._evaluated = None  # was by where the body stood before
         if self.conditions is not None:
             self.conditions.complete(self.displacement)
             self._charged = self._charged.moved(self.conditions.efforts, self._charges)

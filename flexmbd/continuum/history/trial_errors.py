@@ -25,7 +25,7 @@ class LargeIncrementError(ConvergenceError):
     """A step is larger than a formulation integrates well; a smaller one is not."""
 
 
-def check_references(forms: DiscreteForms, *, has_rotations: bool) -> None:
+def check_references(forms: DiscreteForms) -> None:
     """Refuse formulations that cannot be stepped together; the same on every rank.
 
     Raises:
@@ -44,7 +44,7 @@ def check_references(forms: DiscreteForms, *, has_rotations: bool) -> None:
             f"{references['UPDATED']} moves the mesh with the body, so degree={forms.degree} needs a mesh of "
             f"degree {forms.degree}, and this one has degree {geometry}"
         )
-    if "UPDATED" in references and has_rotations:
+    if "UPDATED" in references and forms.layout.has_further:
         raise FormulationError(
             f"{references['UPDATED']} has unknowns besides the displacement, by which a mesh cannot be moved"
         )

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from flexmbd.continuum.finite_elements.interface import AveragedInterface
 from flexmbd.continuum.history.nonlinear_model import NonlinearModel
+from flexmbd.continuum.interior.frame_columns import BalancedNodes
 from flexmbd.continuum.interior.linear_interior import linear_equations
 from flexmbd.continuum.interior.loads_in_motion import LoadsInMotion
 from flexmbd.continuum.interior.nodal_solution import NodalSolution
@@ -64,17 +65,12 @@ def linear_at_rest(
     body, axes = nodes.body, nodes.axes(motion)
     dead_load = loads.after(now.t, now.x)
     internal = body.force(np.zeros(body.layout.n_local), dt=0.0)
-    return linear_equations(
-        nodes.frames,
-        motion,
-        internal=axes.to_inertial(internal) - dead_load,
-        dead_load=dead_load,
-        couples=nodes.bonds.turns.wrenches(internal, motion.R, axes.R),
-        x=now.x,
-        apparent_acceleration=np.zeros_like(now.x) - gravity,
-        modes=modes,
-        prescribed=nodes.fixed,
-    )
+    apparent = np.zeros_like(now.x) - gravity
+    at = BalancedNodes(
+        motion, axes.to_inertial(internal) - dead_load + nodes.inertia(apparent), now.x, apparent, dead_load=dead_load,
+        slopes=_AT_REST, couples=nodes.bonds.turns.wrenches(internal, motion.R, axes.R),
+    )  # fmt: skip
+    return linear_equations(nodes.frames, at, modes=modes, prescribed=nodes.fixed, turns=now.turns)
 
 
 def refuse_restless(body: NonlinearModel, contacts: Sequence[str]) -> None:

@@ -100,6 +100,17 @@ class BondedTurns:
         total[:, 3:] = np.einsum("kba,kb->ka", tangents, total[:, 3:]) @ R.T
         return total
 
+    def couple_changes(
+        self, couples: FloatArray, turn: FloatArray, frame: int, frames: FloatArray, R: FloatArray
+    ) -> FloatArray:
+        """(k, 3) changes of couples (k, 3), as of `wrenches`, whose forces stay, where a frame turns as in `follow`."""
+        vectors, law = self._vectors(frames, R), self._law.vector
+        forces = np.linalg.solve(law.tangents(vectors).transpose(0, 2, 1), (couples @ R)[..., None])[..., 0]
+        against = (np.arange(len(couples)) == frame).astype(float) - float(frame == 0)
+        turns: FloatArray = against[:, None] * (R.T @ turn)
+        changes = law.moment_changes(vectors, np.asarray(forces), turns) @ R.T
+        return changes + np.cross(turn, couples) if frame == 0 else changes  # they are in the body's axes
+
     def _rotations(self, frames: FloatArray, R: FloatArray) -> FloatArray:
         """(k, 3, 3) of the frames against the body's axes."""
         return np.asarray(R.T @ frames[: len(self._axes)] @ self._axes.transpose(0, 2, 1))

@@ -27,10 +27,9 @@ from numpy.typing import NDArray
 from flexmbd.continuation.line_search import ShareTrial, by_work, searched
 from flexmbd.continuum.history.displacement_newton import NO_FORCES, TRIALS, WORK_RATIO, LinearConstraints
 from flexmbd.continuum.history.tangent_solver import LinearSolver
-from flexmbd.continuum.interior.condensed_part import BodyTrial, CondensedPart
-from flexmbd.continuum.interior.corrected_body import CorrectedBody
+from flexmbd.continuum.interior.condensed_part import BodyTrial, CondensedPart, CorrectedBody
 from flexmbd.continuum.interior.facing_contacts import FacingContacts, FacingForces
-from flexmbd.continuum.interior.frame_response import FrameColumns
+from flexmbd.continuum.interior.frame_columns import FrameColumns
 from flexmbd.continuum.interior.joined_unknowns import CoupledFactor, JoinedFactor, JoinedUnknowns, OwnFactor
 from flexmbd.continuum.matrices.blocks import inner, multiply
 from flexmbd.multibody.bodies.continuum_body import FrameMotion
@@ -323,9 +322,7 @@ class CondensedNewton:
         for one, own, mine, span in zip(corrected, columns, self._unknowns.slices, spans, strict=True):
             order = np.r_[span, 0 : span.start, span.stop : count]  # a body's own first
             wide = own.and_others(count - (span.stop - span.start))
-            response = one.part.frames.answer(
-                wide, followed[mine][:, order], changes[mine][:, order], couples=one.couples, touched=one.touched
-            )
+            response = one.part.frames.answer(wide, followed[mine][:, order], changes[mine][:, order])
             slopes[span, order] = response.slopes
             fields[order, mine] = response.relative.T
             wrenches.append(response.wrenches)

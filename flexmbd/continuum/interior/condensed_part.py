@@ -1,4 +1,7 @@
-"""One body's part in Newton's iteration of nodes within the machine's: where its nodes go with the frames."""
+"""One body's part in Newton's iteration of nodes within the machine's: where its nodes go with the frames.
+
+And, once the linearised nodes are in balance, the frames' wrenches, and what their motions do.
+"""
 
 from __future__ import annotations
 
@@ -8,12 +11,15 @@ from petsc4py import PETSc
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from flexmbd.continuum.history.displacement_newton import LinearConstraints
 from flexmbd.continuum.history.nonlinear_model import NonlinearModel
+from flexmbd.continuum.interior.frame_columns import BalancedNodes, FrameColumns
 from flexmbd.continuum.interior.frame_response import Condensation
 from flexmbd.continuum.interior.further_unknowns import kinds_of_unknowns
 from flexmbd.continuum.interior.step_equations import StepEquations
+from flexmbd.continuum.interior.touched_nodes import TouchedNodes
 from flexmbd.continuum.matrices.blocks import multiply
 from flexmbd.multibody.bodies.continuum_body import FrameMotion
 
@@ -127,10 +133,57 @@ class CondensedPart:
     def small_motions(self, start: FrameMotion, trial: BodyTrial) -> FloatArray:
         """(6 k,) displacement of the frames' origins and their rotation vectors since ``start``, in the body's axes."""
         end, R = trial.motion, trial.equations.axes.R
-        turns = end.R @ start.R.transpose(0, 2, 1)
-        pairs = (1, 2), (2, 0), (0, 1)
-        sines: FloatArray = 0.5 * np.stack([turns[:, k, j] - turns[:, j, k] for j, k in pairs], axis=1)
-        sine = np.sqrt((sines**2).sum(axis=1))
-        angle = np.arctan2(sine, 0.5 * (turns[:, 0, 0] + turns[:, 1, 1] + turns[:, 2, 2] - 1.0))
-        vectors = sines * (angle / np.where(sine > 0.0, sine, 1.0))[:, None]
+        vectors = Rotation.from_matrix(end.R @ start.R.transpose(0, 2, 1)).as_rotvec()
         return np.hstack([(end.p - start.p) @ R, vectors @ R]).reshape(-1)
+
+
+@dataclass(frozen=True, eq=False)
+class CorrectedBody:
+    """A body where its linearised nodes are in balance.
+
+    Attributes:
+        part, trial: of the body.
+        increment: (local dofs,) m.
+        residual: (owned nodes, 3) N, in inertial axes, of internal and inertia forces less loads and contact.
+        couples: (k, 6) as of `BalancedNodes`.
+        touched: contact with shapes there, where it may touch some.
+    """
+
+    part: CondensedPart
+    trial: BodyTrial
+    increment: FloatArray
+    residual: FloatArray
+    couples: FloatArray
+    touched: TouchedNodes | None
+
+    @classmethod
+    def of(
+        cls, part: CondensedPart, trial: BodyTrial, increment: FloatArray, change: FloatArray, residual: FloatArray
+    ) -> CorrectedBody:
+        """From increments (local dofs,) m, with a change and a residual (owned dofs,). Collective."""
+        equations, touched = trial.equations, None
+        if equations.contacts.touches:
+            touched = equations.touched(equations.motion(increment)[0])
+            touched = touched.moved(part.body.complete_nodes(equations.axes.to_inertial(change.copy())))
+        couples = part.bonds.turns.wrenches(residual, trial.motion.R, equations.axes.R)
+        inertial = equations.axes.to_inertial(residual)
+        return cls(part, trial, part.with_ghosts(increment, change), inertial, couples, touched)
+
+    def wrenches(self) -> FloatArray:
+        """(k, 6) on the frames. Collective."""
+        equations, bonds, frames = self.trial.equations, self.part.bonds, self.part.frames
+        arms = equations.axes.positions(self.increment, bonds.nodes) - self.trial.motion.p[bonds.frame_of]
+        forces = frames.nodal_forces(self.residual, equations.held_accelerations - equations.step.gravity)
+        couples = self.couples + frames.frame_couples(self.trial.motion)
+        return frames.with_shapes(bonds.wrenches(forces, arms) + couples, self.touched)
+
+    def columns(self, facing: FloatArray) -> FrameColumns:
+        """What the frames' unit motions do; facing: (owned nodes, 3) N, by other bodies of its kind. Collective."""
+        equations = self.trial.equations
+        x, a = equations.motion(self.increment)
+        at = BalancedNodes(
+            self.trial.motion, self.residual, x, a - equations.step.gravity,
+            dead_load=equations.axes.to_inertial(equations.loads.dead) + facing,
+            slopes=equations.step.scheme.slopes(equations.step.h), couples=self.couples, touched=self.touched,
+        )  # fmt: skip
+        return self.part.frames.columns_of(self.part.tangent, at)

@@ -1,4 +1,4 @@
-"""Digits on facets that are nearest to points, and what goes with facets behind which it is.
+"""Places on facets that are nearest to points, and how places go with the nodes of the facets before them.
 
 All by the places of the nodes alone, of complex numbers too: their imaginary part is the derivative (Squire & Trapp
 1998, doi:10.1137/S003614459631241X).

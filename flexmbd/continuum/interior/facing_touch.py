@@ -33,7 +33,7 @@ _TINY = 1e-30
 
 @dataclass(frozen=True, eq=False)
 class FacingState:
-    """Digits and forces at an accepted or tried step's end, in the axes of the facets' body.
+    """Places and forces at an accepted or tried step's end, in the axes of the facets' body.
 
     Attributes:
         y: (n, 3) m, this rank's nodes.

@@ -7,7 +7,7 @@ scheme of integration, or at rest without.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 from petsc4py import PETSc
 
@@ -18,9 +18,9 @@ from flexmbd.continuum.history.displacement_newton import Newton
 from flexmbd.continuum.history.nonlinear_model import NonlinearModel
 from flexmbd.continuum.interior.bonded_nodes import BondedNodes
 from flexmbd.continuum.interior.face_averages import FaceAverages
+from flexmbd.continuum.interior.frame_columns import BalancedNodes, FrameColumns, UnitMotion, crossed, unit_motion
 from flexmbd.continuum.interior.nodal_turns import TurningNodes
 from flexmbd.continuum.interior.touched_nodes import TouchedNodes
-from flexmbd.continuum.interior.unit_motion import UnitMotion, crossed, unit_motion
 from flexmbd.continuum.matrices.blocks import multiply
 from flexmbd.multibody.bodies.continuum_body import FrameMotion
 
@@ -45,45 +45,6 @@ class FrameResponse:
     fields: FloatArray
     relative: FloatArray
     nodal_forces: FloatArray
-
-
-@dataclass(frozen=True, eq=False)
-class FrameColumns:
-    """What c unit motions of frames do, those of the body's own first, where other nodes go with the body's axes.
-
-    Attributes:
-        R: (3, 3) from the body's axes to inertial ones.
-        motion: of the frames.
-        slopes: of ``Scheme.slopes``.
-        moves: of the body's own frames.
-        carried: (c, owned nodes, 3) m, displacement of nodes with the body's axes, in inertial ones.
-        relative: (c, owned nodes, 3) m, of those on frames against these axes, in inertial ones.
-        given: (owned dofs, c) the same in the body's axes, and of unknowns that turn with frames.
-        left: (owned dofs, c) N, change of the residual, in the body's axes.
-        kept: (owned dofs, c) N, of the forces that keep averages.
-        nodal_forces: (interface nodes, 3) N, on the frames.
-        arms: (interface nodes, 3) m.
-    """
-
-    R: FloatArray
-    motion: FrameMotion
-    slopes: tuple[float, float]
-    moves: tuple[UnitMotion, ...]
-    carried: FloatArray
-    relative: FloatArray
-    given: FloatArray
-    left: FloatArray
-    kept: FloatArray
-    nodal_forces: FloatArray
-    arms: FloatArray
-
-    def and_others(self, more: int) -> FrameColumns:
-        """With so many columns behind these, of motions that move no node of this body's by themselves."""
-        carried, relative = (
-            np.concatenate([part, np.zeros((more, *part.shape[1:]))]) for part in (self.carried, self.relative)
-        )
-        given = np.hstack([self.given, np.zeros((len(self.given), more))])
-        return replace(self, carried=carried, relative=relative, given=given)
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,95 +88,29 @@ class Condensation:
         forces[~bonds.averaged] += bonds.mass[~bonds.averaged, None] * apparent_acceleration
         return forces
 
-    def condense(
-        self,
-        tangent: Callable[[], PETSc.Mat],
-        residual: FloatArray,
-        motion: FrameMotion,
-        *,
-        x: FloatArray,
-        apparent_acceleration: FloatArray,
-        dead_load: FloatArray,
-        slopes: tuple[float, float],
-        couples: FloatArray,
-        touched: TouchedNodes | None = None,
-    ) -> FrameResponse:
-        """Condense. Collective.
-
-        Args:
-            tangent: of the residual, in body axes; with the nodes' inertia by the scheme.
-            residual: (owned nodes, 3) N, of internal and inertia forces less loads, in inertial axes.
-            motion: of the frames.
-            x: (local nodes, 3) m.
-            apparent_acceleration: (local nodes, 3) m/s^2, acceleration less gravity.
-            dead_load: (owned nodes, 3) N, in inertial axes, the part of the loads that does not turn with the body.
-            slopes: of ``Scheme.slopes``; (inf, 1) at rest.
-            couples: (k, 6) wrenches of what holds unknowns that turn with the frames (`BondedTurns.wrenches`).
-            touched: the contact forces there, where the body may touch shapes.
-        """
+    def condense(self, tangent: Callable[[], PETSc.Mat], at: BalancedNodes) -> FrameResponse:
+        """Condense with the residual's tangent, in body axes, with the nodes' inertia by the scheme. Collective."""
         matrix = tangent()
         full_tangent = matrix.copy()
-        constraints = self.averages.constraints(motion, self.bonds.pose(motion)[1])
-        response = self.respond(
-            full_tangent,
-            lambda block: self.newton.solve_columns(matrix, block, constraints),
-            residual,
-            motion,
-            x=x,
-            apparent_acceleration=apparent_acceleration,
-            dead_load=dead_load,
-            slopes=slopes,
-            touched=touched,
-            couples=couples,
-        )
+        constraints = self.averages.constraints(at.motion, self.bonds.pose(at.motion)[1])
+        found = self.columns_of(full_tangent, at)
+        followed = self.newton.solve_columns(matrix, -found.left - found.kept, constraints)
+        response = self.answer(found, followed, found.left + multiply(full_tangent, followed))
         full_tangent.destroy()
         return response
 
-    def respond(
-        self,
-        tangent: PETSc.Mat,
-        inverse: Callable[[FloatArray], FloatArray],
-        residual: FloatArray,
-        motion: FrameMotion,
-        *,
-        x: FloatArray,
-        apparent_acceleration: FloatArray,
-        dead_load: FloatArray,
-        slopes: tuple[float, float],
-        couples: FloatArray,
-        touched: TouchedNodes | None = None,
-    ) -> FrameResponse:
-        """As `condense`, with a tangent that is not changed and its inverse on the nodes that frames do not hold."""
-        found = self.columns_of(
-            tangent, residual, motion, x=x, apparent_acceleration=apparent_acceleration, dead_load=dead_load,
-            slopes=slopes, touched=touched,
-        )  # fmt: skip
-        followed = inverse(-found.left - found.kept)
-        return self.answer(found, followed, found.left + multiply(tangent, followed), couples=couples, touched=touched)
-
-    def columns_of(
-        self,
-        tangent: PETSc.Mat,
-        residual: FloatArray,
-        motion: FrameMotion,
-        *,
-        x: FloatArray,
-        apparent_acceleration: FloatArray,
-        dead_load: FloatArray,
-        slopes: tuple[float, float],
-        touched: TouchedNodes | None,
-    ) -> FrameColumns:
+    def columns_of(self, tangent: PETSc.Mat, at: BalancedNodes) -> FrameColumns:
         """What unit motions of frames, those of touched bodies too, do where other nodes go with the body's axes.
 
-        Arguments as of `condense`; ``dead_load`` is all that acts and does not turn with the body, but ``touched``.
+        The tangent is as of `condense`, and not changed. Collective.
         """
-        body, bonds = self.body, self.bonds
+        bonds, motion, x, touched = self.bonds, at.motion, at.x, at.touched
         R = bonds.pose(motion)[1]
-        nodes, n, (per_x, per_v) = bonds.nodes, body.layout.n_owned_nodes, slopes
-        internal = residual - self.product(apparent_acceleration) + dead_load
+        nodes, n, (per_x, per_v) = bonds.nodes, self.body.layout.n_owned_nodes, at.slopes
+        internal = at.residual - self.product(at.apparent_acceleration) + at.dead_load
         if touched is not None:
             internal = internal + self._on_nodes(touched, touched.force)
-        nodal_forces = self.nodal_forces(residual, apparent_acceleration[nodes[~bonds.averaged]])
+        nodal_forces = self.nodal_forces(at.residual, at.apparent_acceleration[nodes[~bonds.averaged]])
         own_columns = 6 * len(bonds.frames)
         columns = range(6 * len(motion.p))
         arms = x[nodes] - motion.p[bonds.frame_of]
@@ -245,23 +140,19 @@ class Condensation:
         left += multiply(self.mass, self._accelerated(accelerations @ R, given, moves, R, per_x))
         left += self.columns(turned @ R)
         kept = self.columns(constraint_forces @ R)
-        return FrameColumns(R, motion, slopes, tuple(moves), carried, relative, given, left, kept, nodal_forces, arms)
+        return FrameColumns(R, at, tuple(moves), carried, relative, given, left, kept, nodal_forces, arms)
 
-    def answer(
-        self, found: FrameColumns, followed: FloatArray, change: FloatArray, *, couples: FloatArray,
-        touched: TouchedNodes | None,
-    ) -> FrameResponse:
+    def answer(self, found: FrameColumns, followed: FloatArray, change: FloatArray) -> FrameResponse:
         """The response. Collective.
 
         Args:
             found: the columns.
             followed: (owned dofs, c) m, how nodes that no frame holds follow, in the body's axes.
             change: (owned dofs, c) N, of the residual by all of it.
-            couples: as of `condense`.
-            touched: as of `condense`.
         """
-        bonds, R, motion, moves = self.bonds, found.R, found.motion, found.moves
-        nodal_forces, arms, (per_x, per_v) = found.nodal_forces, found.arms, found.slopes
+        bonds, R, moves, motion = self.bonds, found.R, found.moves, found.at.motion
+        nodal_forces, arms, (per_x, per_v) = found.nodal_forces, found.arms, found.at.slopes
+        couples, touched = found.at.couples, found.at.touched
         own_columns, columns = len(moves), range(followed.shape[1])
         changes = self._fields(change) @ R.T
         moved = self._fields(followed) @ R.T
@@ -372,9 +263,7 @@ class Condensation:
         """(k, 6) change of the couples (k, 6) that hold rotations, by column j; ``change`` (owned dofs,) of forces."""
         found = self.bonds.turns.wrenches(change, motion.R, R)
         if step is not None:
-            # they turn with the body's axes, and half with what their frame turns against these
-            share = 0.5 * (np.arange(len(couples)) == j // 6) + (0.5 if j < 6 else 0.0)
-            found[:, 3:] += share[:, None] * crossed(step[2], couples[:, 3:])
+            found[:, 3:] += self.bonds.turns.couple_changes(couples[:, 3:], step[2], j // 6, motion.R, R)
         return found
 
     def columns(self, fields: FloatArray, *, further: FloatArray | None = None) -> FloatArray:

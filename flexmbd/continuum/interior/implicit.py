@@ -27,13 +27,10 @@ from flexmbd.continuum.interior.coupled_bodies import CoupledBody
 from flexmbd.continuum.interior.halved_steps import HalvedSteps
 from flexmbd.continuum.interior.implicit_contacts import ImplicitContacts
 from flexmbd.continuum.interior.loads_in_motion import LoadsInMotion
-from flexmbd.continuum.interior.nodal_energies import kinetic_energy, weight_energy
-from flexmbd.continuum.interior.nodal_memory import nodes_recalled, nodes_remembered
 from flexmbd.continuum.interior.nodal_solution import NodalSolution
 from flexmbd.continuum.interior.plane_motion import PlaneMotion
 from flexmbd.continuum.interior.shape_contacts import check_surface
 from flexmbd.continuum.interior.staggered_fields import StaggeredFields
-from flexmbd.continuum.interior.start_in_balance import begin_balanced
 from flexmbd.continuum.interior.step_equations import NodalState, StepEnd, StepEquations, TriedStep
 from flexmbd.continuum.interior.turn_watch import TurnWatch
 from flexmbd.errors import SceneError
@@ -57,6 +54,7 @@ IntArray = NDArray[np.int64]
 
 #: A tangent costs some ten times the forces, and a step of a motion is short.
 _SOLVER = LinearSolver(reuse_below=0.03)
+
 
 @checked(agree=parallel.told_to_all)
 class ImplicitContinuum:
@@ -133,7 +131,7 @@ class ImplicitContinuum:
         self._loads.now = self._loads.after(t, x)
         self._contacts.begin(x, motion)
         self._among.begin(x, self._nodes.axes(motion))
-        if self._begins_fresh and not self._loads.applied.any_heat:
+        if self._begins_fresh and not self._loads.applied.any_given_fields:
             return self._start(motion, -self._loads.now, np.zeros(body.n_owned))
         # what holds the body in its shape at rest: warm, with voltages, or deformed before
         still: FloatArray = np.zeros(body.layout.n_local)
@@ -231,7 +229,7 @@ class ImplicitContinuum:
     def snapshot(self) -> Memory:
         """See `Interior.snapshot`. Collective."""
         memory = self._memory
-        own = {**nodes_remembered(self._current_state(), memory), **self._loads.snapshot(memory)}
+        own = {**self._current_state().remembered(memory), **self._loads.snapshot(memory)}
         if self._bonds.turns.any:
             own["turned frames"] = self._bonds.turns.accepted.copy()
         touch = {**self._contacts.snapshot(), **self._among.snapshot(memory)}
@@ -243,7 +241,7 @@ class ImplicitContinuum:
         self.body.restore(self._memory.scatter(arrays))
         self._set_gravity(arrays["gravity"].copy())
         self._loads.restore(arrays, self._memory)
-        self._state = nodes_recalled(arrays, self._memory, turns=self._nodes.turning is not None)
+        self._state = NodalState.recalled(arrays, self._memory, turns=self._nodes.turning is not None)
         if self._bonds.turns.any:
             self._bonds.turns.accepted = arrays["turned frames"].copy()
         self._contacts.restore(arrays)
@@ -266,7 +264,7 @@ class ImplicitContinuum:
         "kinetic" is that of the consistent mass less the frames', lumped: below zero where little else moves.
         """
         own, others = self._own_energies(), self._among.works()
-        weight = weight_energy(self._nodes.frames, self._weight, self._gravity, self._current_state().x)
+        weight = self._nodes.weight_energy(self._weight, self._gravity, self._current_state().x)
         outer = {**self._loads.energies(), **self._contacts.energies(others)}
         return {"kinetic": own["kinetic"], "gravitational": weight, **own, **outer}
 
@@ -274,7 +272,7 @@ class ImplicitContinuum:
         """J, what the body holds in the last accepted state, of all kinds but its weight's. Collective."""
         if self._known_energies is None:
             now = self._current_state()
-            kinetic = kinetic_energy(self._nodes.frames, now.v, now.turns)
+            kinetic = self._nodes.kinetic_energy(now.v, now.turns)
             self._known_energies = {"kinetic": kinetic, **self.body.energies()}
         return self._known_energies
 
@@ -413,11 +411,11 @@ class ImplicitContinuum:
         return self._start(motion, axes.to_inertial(internal) - acting, internal)
 
     def _start(self, motion: FrameMotion, internal: FloatArray, unknowns: FloatArray) -> FloatArray:
-        """See `begin_balanced`; wrenches on the frames of all that it touches as well. Collective."""
+        """See `NodalSolution.begun`; wrenches on the frames of all that it touches as well. Collective."""
         # a node has one mass along all axes: these may be inertial, but for dofs that are held in the body's
         R = self._nodes.axes(motion).R if self._plane.is_plane else np.eye(3)
-        self._state, wrenches = begin_balanced(
-            self._nodes, self._current_state(), motion, weight=self._weight, gravity=self._gravity, internal=internal,
+        self._state, wrenches = self._nodes.begun(
+            self._current_state(), motion, weight=self._weight, gravity=self._gravity, internal=internal,
             unknowns=unknowns, R=R,
         )  # fmt: skip
         if self._contacts.touches:

@@ -31,7 +31,7 @@ BRISTLE = 2.0
 
 @dataclass(frozen=True, eq=False)
 class TouchedState:
-    """Digits and forces of one contact at an accepted or tried step's end, in the first frame's axes.
+    """Places and forces of one contact at an accepted or tried step's end, in the first frame's axes.
 
     Attributes:
         y: (n, 3) m, places of the surface's nodes.

@@ -12,7 +12,9 @@ from petsc4py import PETSc
 import numpy as np
 from numpy.typing import NDArray
 
+from flexmbd.continuum.interior.frame_columns import BalancedNodes
 from flexmbd.continuum.interior.frame_response import Condensation, FrameResponse
+from flexmbd.continuum.interior.nodal_turns import TurnState
 from flexmbd.continuum.matrices.blocks import inner, multiply
 from flexmbd.continuum.matrices.eigen import BlockLanczos, Modes
 from flexmbd.errors import ConvergenceError
@@ -27,48 +29,42 @@ _WIDTH, _PER_MODE, _SPARE = 8, 10, 100
 
 def linear_equations(
     frames: Condensation,
-    motion: FrameMotion,
+    at: BalancedNodes,
     *,
-    internal: FloatArray,
-    x: FloatArray,
-    apparent_acceleration: FloatArray,
-    dead_load: FloatArray,
-    couples: FloatArray,
     modes: InteriorModes,
     prescribed: NDArray[np.int32],
+    turns: TurnState | None,
 ) -> LinearInterior:
     """See `SteadyInterior.linear`. Collective.
 
     Args:
         frames: the body and its frames.
-        motion: of the frames.
-        internal: (owned nodes, 3) N, internal forces less loads, in inertial axes.
-        x: (local nodes, 3) m, of the nodes.
-        apparent_acceleration: (local nodes, 3) m/s^2, minus gravity.
-        dead_load: (owned nodes, 3) N, the part of the loads that does not turn with the body, in inertial axes.
-        couples: (k, 6) wrenches of what holds unknowns that turn with the frames.
+        at: the nodes at rest.
         modes: how many vibrations.
         prescribed: owned dofs that move with the frames, or never.
+        turns: rotations of nodes that have rotary inertia; None: there are none.
 
     Raises:
         ConvergenceError: on all ranks: the body buckles between its frames, or the eigensolver did not converge.
     """
-    body, comm = frames.body, frames.body.comm
+    body, comm, motion = frames.body, frames.body.comm, at.motion
     R = frames.bonds.pose(motion)[1]
-    residual = internal + frames.product(apparent_acceleration)
     matrix = body.unloading_tangent()
     stiffness = matrix.copy()
-    response = frames.condense(
-        lambda: matrix, residual, motion, x=x, apparent_acceleration=apparent_acceleration, dead_load=dead_load,
-        slopes=(np.inf, 1.0), couples=couples,
-    )
-    fixed_modes = _fixed_interface_modes(frames, stiffness.copy(), motion, modes=modes, prescribed=prescribed)
+    response = frames.condense(lambda: matrix, at)
     static_modes: FloatArray = frames.columns(response.fields @ R, further=response.relative)
-    if frames.turning is not None:
-        static_modes[frames.turning.inertia.own, 3:6] += R.T  # with the body's axes, which the first frame carries
+    present_mass = frames.mass.copy()
+    if frames.turning is not None and turns is not None:
+        # with the body's axes, which the first frame carries
+        static_modes[frames.turning.inertia.own, 3:6] += frames.turning.tangents(turns) @ R.T
+        present_mass = frames.turning.present_mass(turns)
+    fixed_modes = _fixed_interface_modes(
+        frames, stiffness.copy(), present_mass.copy(), motion, modes=modes, prescribed=prescribed
+    )
     fields = np.asfortranarray(np.hstack([static_modes, fixed_modes.shapes]))
     k, n = static_modes.shape[1], fixed_modes.shapes.shape[1]
-    mass = inner(comm, fields, multiply(frames.mass, fields))
+    mass = inner(comm, fields, multiply(present_mass, fields))
+    present_mass.destroy()
     mass[:k, :k] -= _bonded_mass(frames, static_modes)
     if frames.turning is not None:
         for j, block in enumerate(frames.turning.inertial(motion)):
@@ -80,7 +76,7 @@ def linear_equations(
     stiffness_matrix[:k, k:] -= _averaged_moments(frames, response, fixed_modes.shapes, R)
     stiffness_matrix[k:, k:] = inner(comm, fixed_modes.shapes, forces)
     damping = _damping_matrix(frames, fields)
-    unbalanced = inner(comm, fixed_modes.shapes, frames.columns((residual @ R)[None]))[:, 0]
+    unbalanced = inner(comm, fixed_modes.shapes, frames.columns((at.residual @ R)[None]))[:, 0]
     stiffness.destroy()
     residual_load = np.concatenate([-response.wrenches.reshape(-1), unbalanced])
     return LinearInterior(0.5 * (mass + mass.T), damping, stiffness_matrix, residual_load)
@@ -101,12 +97,13 @@ def _damping_matrix(frames: Condensation, fields: FloatArray) -> FloatArray:
 def _fixed_interface_modes(
     frames: Condensation,
     stiffness: PETSc.Mat,
+    mass: PETSc.Mat,
     motion: FrameMotion,
     *,
     modes: InteriorModes,
     prescribed: NDArray[np.int32],
 ) -> Modes:
-    """The lowest modes with the frames fixed, shapes in body axes. Collective."""
+    """The lowest modes with the frames fixed, shapes in body axes; matrices are used up. Collective."""
     body, R = frames.body, frames.bonds.pose(motion)[1]
     constraints = frames.averages.constraints(motion, R)
     solve = frames.newton.inverse(stiffness, constraints)
@@ -114,8 +111,8 @@ def _fixed_interface_modes(
     free -= 0 if constraints is None else len(constraints.gap)
     count = min(modes.count, free)
     if count == 0:
+        mass.destroy()
         return Modes(np.zeros(0), np.zeros((body.n_owned, 0)))
-    mass = frames.mass.copy()
     first = mass.getOwnershipRange()[0]
     mass.zeroRowsColumns((prescribed + first).astype(PETSc.IntType), diag=0.0)
     start = np.random.default_rng(body.comm.rank).normal(size=(_WIDTH, body.n_owned)).T

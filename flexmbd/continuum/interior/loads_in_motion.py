@@ -68,7 +68,7 @@ class LoadsInMotion:
         The body is brought to its temperature then.
         """
         factors = self.applied.values(beside(t, 1))
-        self.applied.heat(factors)
+        self.applied.set_given_fields(factors)
         return self.applied.forces(factors, x[: self._n], self.R_begun)
 
     def factors_before(self, t: float) -> FloatArray:

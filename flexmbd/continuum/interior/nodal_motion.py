@@ -212,9 +212,9 @@ class NodalMotion:
         self._account.begin()
         self._h = 0.0
         self._stable.memory = self._fresh
-        if self.loads.any_heat:
-            self.loads.heat(self.loads.values(beside(t, 1)))
-        if self.loads.any_heat or not self.mesh.begins_fresh:
+        if self.loads.any_given_fields:
+            self.loads.set_given_fields(self.loads.values(beside(t, 1)))
+        if self.loads.any_given_fields or not self.mesh.begins_fresh:
             self.force = self._pull(0.0, frames)
         alone = self._stable.at_rest if self.mesh.begins_fresh else self._stable.present()
         self._planned = None
@@ -280,8 +280,8 @@ class NodalMotion:
         touched = None if shapes is None else on.remembered()
         self.x += move
         self._went = np.asarray(move / h)
-        if self.loads.any_heat:
-            self.loads.heat(self.loads.values(self.t + h - _BESIDE * h))
+        if self.loads.any_given_fields:
+            self.loads.set_given_fields(self.loads.values(self.t + h - _BESIDE * h))
         self.force = self._pull(h, frames)
         self.t += h
         if self.loads.any:

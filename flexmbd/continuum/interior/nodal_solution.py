@@ -6,6 +6,7 @@ The matrices and Newton iterations of one body, whatever is to be balanced: a st
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,10 +19,11 @@ from flexmbd.continuum.history.tangent_solver import LinearSolver
 from flexmbd.continuum.interior.bonded_nodes import BondedNodes
 from flexmbd.continuum.interior.condensed_part import CondensedPart
 from flexmbd.continuum.interior.face_averages import FaceAverages
+from flexmbd.continuum.interior.frame_columns import BalancedNodes
 from flexmbd.continuum.interior.frame_response import Condensation, FrameResponse
 from flexmbd.continuum.interior.further_unknowns import owned_further_dofs, with_unit_rows_of_further_unknowns
-from flexmbd.continuum.interior.nodal_turns import TurningNodes, refuse_turned_already, turn_inertia
-from flexmbd.continuum.interior.step_equations import BodyAxes, RestEquations, StepEquations
+from flexmbd.continuum.interior.nodal_turns import TurningNodes, TurnState, refuse_turned_already, turn_inertia
+from flexmbd.continuum.interior.step_equations import BodyAxes, NodalState, RestEquations, StepEquations
 from flexmbd.continuum.interior.touched_nodes import TouchedNodes
 from flexmbd.continuum.interior.turn_law import TurnLaw, find_turn_law
 from flexmbd.errors import ConvergenceError
@@ -165,7 +167,7 @@ class NodalSolution:
         self, solution: Solution, equations: StepEquations | RestEquations, motion: FrameMotion, *, x: FloatArray,
         apparent: FloatArray, slopes: tuple[float, float], touched: TouchedNodes | None = None,
     ) -> FrameResponse:
-        """Wrenches and slopes at a solution; the rest as of `Condensation.condense`. Collective.
+        """Wrenches and slopes at a solution. Collective.
 
         Args:
             solution: of the equations.
@@ -177,17 +179,11 @@ class NodalSolution:
             touched: contact there.
         """
         axes, residual = self.axes(motion), solution.balance.residual
-        return self.frames.condense(
-            lambda: equations.tangent(solution.increment),
-            axes.to_inertial(residual),
-            motion,
-            x=x,
-            apparent_acceleration=apparent,
-            dead_load=axes.to_inertial(equations.loads.dead),
-            slopes=slopes,
-            couples=self.bonds.turns.wrenches(residual, motion.R, axes.R),
-            touched=touched,
-        )
+        at = BalancedNodes(
+            motion, axes.to_inertial(residual), x, apparent, dead_load=axes.to_inertial(equations.loads.dead),
+            slopes=slopes, couples=self.bonds.turns.wrenches(residual, motion.R, axes.R), touched=touched,
+        )  # fmt: skip
+        return self.frames.condense(lambda: equations.tangent(solution.increment), at)
 
     def accelerations(self, motion: FrameMotion, force: FloatArray, *, R: FloatArray) -> FloatArray:
         """(local nodes, 3) m/s^2 that forces (owned nodes, 3) N cause with the frames as ``motion`` says. Collective.
@@ -207,3 +203,54 @@ class NodalSolution:
         vector.array[: body.n_owned] = found
         vector.scatter_forward()
         return body.complete_nodes(a + body.layout.displacements(vector.array) @ R.T)
+
+    def begun(
+        self, now: NodalState, motion: FrameMotion, *, weight: FloatArray, gravity: FloatArray, internal: FloatArray,
+        unknowns: FloatArray, R: FloatArray,
+    ) -> tuple[NodalState, FloatArray]:
+        """The state with the accelerations that internal forces cause. Collective.
+
+        Args:
+            now: its accelerations are not read.
+            motion: of the frames.
+            weight: (owned nodes, 3) N, of gravity, in inertial axes.
+            gravity: (3,) m/s^2.
+            internal: (owned nodes, 3) N, less what acts, in inertial axes.
+            unknowns: (owned dofs,) forces of unknowns beside the displacement, in the body's axes.
+            R: as of `accelerations`.
+
+        Returns:
+            The state, and (k, 6) wrenches on the body's frames.
+        """
+        bonds = self.bonds
+        a = self.accelerations(motion, weight - internal, R=R)
+        state = replace(now, a=a, auxiliary=a.copy())
+        nodal_forces = self.frames.nodal_forces(internal + self.inertia(a - gravity), a[self.bonded] - gravity)
+        wrenches = bonds.wrenches(nodal_forces, bonds.arms(motion))
+        if self.turning is not None and state.turns is not None:
+            turns, forces = self.turning.started(state.turns, motion, unknowns)
+            state, unknowns = replace(state, turns=turns), unknowns.copy()
+            unknowns[self.turning.inertia.own] += forces
+        couples = bonds.turns.wrenches(unknowns, motion.R, self.axes(motion).R)
+        return state, wrenches + couples + self.frames.frame_couples(motion)
+
+    def kinetic_energy(self, v: FloatArray, turns: TurnState | None) -> float:
+        """J, less that of the frames' masses, at velocities (local nodes, 3) m/s, and spins of nodes. Collective."""
+        momentum = self.inertia(v)
+        nodes, mass = self._held()
+        energy = 0.5 * (momentum * v[: len(momentum)]).sum() - 0.5 * (mass[:, None] * v[nodes] ** 2).sum()
+        if self.turning is not None and turns is not None:
+            energy += self.turning.inertia.energy(turns, nodes)
+        return float(self.bonds.total(np.array(energy)))
+
+    def weight_energy(self, weight: FloatArray, gravity: FloatArray, x: FloatArray) -> float:
+        """J, of the weight (owned nodes, 3) N by gravity (3,) m/s^2, less that of frames, nodes at x m. Collective."""
+        nodes, mass = self._held()
+        energy = (mass[:, None] * x[nodes] @ gravity).sum() - (weight * x[: len(weight)]).sum()
+        return float(self.bonds.total(np.array(energy)))
+
+    def _held(self) -> tuple[NDArray[np.integer], FloatArray]:
+        """This rank's nodes that rigid frames hold, and what of their mass the frames have, kg."""
+        bonds = self.bonds
+        mine = bonds.own & ~bonds.averaged
+        return bonds.nodes[mine], bonds.mass[mine]

@@ -200,6 +200,25 @@ class TurningNodes:
         theta = theta + self.inertia.body.displacement[self.inertia.dofs]
         return vector.rotations(theta), vector.tangents(theta)
 
+    def tangents(self, now: TurnState) -> FloatArray:
+        """(owned nodes, 3, 3) T of the accepted state: changes of the unknowns by small turns in the body's axes."""
+        return self.relation(now, np.zeros(self.inertia.body.layout.n_local))[1][: len(self.inertia.nodal)]
+
+    def present_mass(self, now: TurnState) -> PETSc.Mat:
+        """The mass matrix by rates of the unknowns in the accepted state: a node spins E^T T^-1 of them. Collective."""
+        mass, own, n = self.inertia.mass, self.inertia.own, len(self.inertia.nodal)
+        spins = now.E[:n].transpose(0, 2, 1) @ np.linalg.inv(self.tangents(now))
+        first = mass.getOwnershipRange()[0]
+        matrix = PETSc.Mat().createAIJ(mass.getSizes(), nnz=3, comm=self.inertia.body.comm)
+        for dof in np.setdiff1d(np.arange(self.inertia.body.n_owned), own) + first:
+            matrix.setValue(dof, dof, 1.0)
+        for dofs, block in zip((own + first).astype(PETSc.IntType), spins, strict=True):
+            matrix.setValues(dofs, dofs, block)
+        matrix.assemble()
+        present = mass.ptap(matrix)
+        matrix.destroy()
+        return present
+
     def ended(
         self, before: TurnState, increment: FloatArray, R: FloatArray, motion: FrameMotion, h: float, scheme: Scheme
     ) -> TurnState:
@@ -227,8 +246,7 @@ class TurningNodes:
         """
         inertia = self.inertia
         own, n = inertia.own, len(inertia.nodal)
-        T = self.relation(now, np.zeros(inertia.body.layout.n_local))[1][:n]
-        E, Q, still = now.E[:n], now.Q, np.zeros_like(now.w)
+        T, E, Q, still = self.tangents(now), now.E[:n], now.Q, np.zeros_like(now.w)
         acting = -np.einsum("nba,ncb,nc->na", E, T, forces[own])
         gyroscopic = inertia.moments(Q, now.w, still)
         a = inertia.accelerations(

@@ -7,6 +7,7 @@ axes, which the first interface frame carries.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -16,17 +17,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexmbd.continuum.history.applied_loads import TrialLoads
+from flexmbd.continuum.history.body_memory import BodyMemory
 from flexmbd.continuum.history.displacement_newton import Balance
 from flexmbd.continuum.history.nonlinear_model import NonlinearModel
 from flexmbd.continuum.interior.frame_response import Condensation
 from flexmbd.continuum.interior.implicit_contacts import ImplicitContacts
 from flexmbd.continuum.interior.implicit_touch import TouchedState
-from flexmbd.continuum.interior.nodal_turns import TurnState
+from flexmbd.continuum.interior.nodal_turns import TurnState, recalled, remembered
 from flexmbd.continuum.interior.touched_nodes import TouchedNodes
 from flexmbd.multibody.bodies.continuum_body import FrameMotion, Scheme
 from flexmbd.round_off import STALLED
 
 FloatArray = NDArray[np.float64]
+
+# Arrays of a state over the nodes.
+_NODAL = ("x", "v", "a", "auxiliary")
 
 
 
@@ -58,6 +63,19 @@ class NodalState:
         if turns is not None:
             turns = replace(turns, auxiliary=scheme.carry(turns.auxiliary, h, self.h, turns.a))
         return replace(self, auxiliary=scheme.carry(self.auxiliary, h, self.h, self.a), turns=turns)
+
+    def remembered(self, memory: BodyMemory) -> dict[str, FloatArray]:
+        """It as arrays over the whole body, for checkpoints. Collective."""
+        arrays = {name: memory.gather_nodes(getattr(self, name)) for name in _NODAL}
+        turns = {} if self.turns is None else remembered(self.turns, memory)
+        return {**arrays, **turns, "times": np.array([self.t, self.h])}
+
+    @classmethod
+    def recalled(cls, arrays: Mapping[str, FloatArray], memory: BodyMemory, *, turns: bool) -> NodalState:
+        """This rank's part of `remembered`, on any number of ranks; turns: whether nodes turn. Collective."""
+        nodal = {name: memory.scatter_nodes(arrays[name]) for name in _NODAL}
+        t, h = (float(value) for value in arrays["times"])
+        return cls(t=t, h=h, turns=recalled(arrays, memory) if turns else None, **nodal)
 
 
 @dataclass(frozen=True, eq=False)
@@ -194,7 +212,7 @@ class StepEquations:
         Raises:
             ConvergenceError: as `NonlinearModel.force`.
         """
-        self.loads.heat()
+        self.loads.set_given_fields()
         internal = self.body.force(increment, dt=self.step.h)
         x, a = self.motion(increment)
         inertia = self.axes.to_body(self.frames.product(a - self.step.gravity))
@@ -244,7 +262,7 @@ class StepEquations:
         Raises:
             ConvergenceError: as `NonlinearModel.tangent`.
         """
-        self.loads.heat()
+        self.loads.set_given_fields()
         matrix = self.loads.subtract_slopes(self.body.tangent(increment, dt=self.step.h), increment)
         matrix.axpy(1.0 / self.step.per_x, self.frames.mass, PETSc.Mat.Structure.SUBSET_NONZERO_PATTERN)
         if self.contacts.touches:
@@ -285,7 +303,7 @@ class RestEquations:
         Raises:
             ConvergenceError: as `NonlinearModel.force`.
         """
-        self.loads.heat()
+        self.loads.set_given_fields()
         internal = self.body.force(increment, dt=0.0)
         if self.body.is_updated:
             self.body.check_cells()
@@ -299,5 +317,5 @@ class RestEquations:
         Raises:
             ConvergenceError: as `NonlinearModel.tangent`.
         """
-        self.loads.heat()
+        self.loads.set_given_fields()
         return self.loads.subtract_slopes(self.body.tangent(increment, dt=0.0), increment)

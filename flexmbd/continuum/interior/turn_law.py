@@ -28,6 +28,9 @@ FloatArray = NDArray[np.float64]
 # A rigid rotation, rad, by which a law is told from others, and another beyond it; about no axis of a mesh.
 _FIRST, _SECOND = np.array([0.12, -0.2, 0.17]), np.array([-0.15, -0.1, 0.22])
 
+# A perturbation so small that no digit of the real part feels it.
+_TINY = 1e-30
+
 # rad below which 1 - (phi/2) cot(phi/2) is phi^2 / 12 to round-off
 _SMALL = 1e-4
 
@@ -64,20 +67,29 @@ class TurnVector:
         return self.angle(np.linalg.norm(theta, axis=1))
 
     def tangents(self, theta: FloatArray) -> FloatArray:
-        """(n, 3, 3) T, changes of vectors (n, 3) by small turns of their nodes."""
-        s = np.linalg.norm(theta, axis=1)
+        """(n, 3, 3) T, changes of vectors (n, 3), complex ones too, by small turns of their nodes."""
+        s = np.sqrt((theta * theta).sum(axis=1))
         phi = self.angle(s)
-        e = np.divide(theta, s[:, None], out=np.zeros_like(theta), where=s[:, None] > 0.0)
-        small = phi < _SMALL
+        e = np.divide(theta, s[:, None], out=np.zeros_like(theta), where=s[:, None] != 0.0)
+        small = abs(phi) < _SMALL
         half = np.where(small, 1.0, phi / 2)
         across = np.where(small, 1.0 - phi**2 / 12, half / np.tan(half))
-        across *= np.divide(s, phi, out=np.ones_like(s), where=phi > 0.0)
+        across *= np.divide(s, phi, out=np.ones_like(s), where=phi != 0.0)
         along = np.einsum("na,nb->nab", e, e)
         T = self.slope(phi)[:, None, None] * along + across[:, None, None] * (np.eye(3) - along)
         for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
             T[:, i, j] += theta[:, k] / 2
             T[:, j, i] -= theta[:, k] / 2
         return np.asarray(T)
+
+    def moment_changes(self, theta: FloatArray, forces: FloatArray, turns: FloatArray) -> FloatArray:
+        """(n, 3) changes of the moments T^T f of forces (n, 3) that stay, where nodes turn by small vectors (n, 3).
+
+        T is taken at complex vectors (n, 3): the imaginary part is the exact derivative.
+        """
+        ways = np.einsum("nab,nb->na", self.tangents(theta), turns)
+        T = self.tangents(theta + 1j * _TINY * ways)
+        return np.asarray(np.einsum("nba,nb->na", T.imag, forces) / _TINY)
 
 
 #: theta = phi e: the rotation vector.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from flexmbd.continuum import parallel
 from flexmbd.continuum.history.nonlinear_model import NonlinearModel
 from flexmbd.continuum.interior.turn_law import TurnLaw
 from flexmbd.errors import RangeWarning, warn
@@ -44,8 +45,6 @@ class TurnWatch:
             return
         self._open = False
         name = self._body.groups[0].form_name
-        if self._body.comm.rank > 0:
-            return
         first = f"its first interface, {self._body.interfaces[0].name!r}"
         if self._law.is_finite:
             text = (
@@ -60,4 +59,4 @@ class TurnWatch:
                 "it turns more; put an interface that turns less first, cut the body in several, or take solids "
                 "(solid_shell for plates), or beam_exact"
             )
-        warn(text, RangeWarning, subject=f"turn of {name}")
+        parallel.on_root(self._body.comm, lambda: warn(text, RangeWarning, subject=f"turn of {name}"))

@@ -200,7 +200,7 @@ class BodyPathSpace:
 
         def loads(factor: float) -> FloatArray:
             outer = self._loads.outer(factor)
-            return np.concatenate([outer.force(rest), self._loads.given(factor), outer.rise])
+            return np.concatenate([outer.force(rest), self._loads.given(factor), outer.given_fields])
 
         if self._body.comm.allreduce(bool(here.response.any()), op=MPI.LOR):
             return True

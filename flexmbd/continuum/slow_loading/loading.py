@@ -69,8 +69,10 @@ class SlowLoads:
         found = self._answer("displacement", self.displacement, t, n)
         self._refuse_torn(found, t)
         if self.body.plane_axis is not None:
-            leaves = found[np.isin(self.prescribed, self.body.held_dofs)].any()
+            across = np.isin(self.prescribed, self.body.held_dofs)
+            leaves = abs(found[across]).max(initial=0.0) > SEVEN_DIGITS * self._largest(found)
             self._agree(f"displacement moves nodes out of the plane of the body at {t:g}" if leaves else "")
+            found = np.where(across, 0.0, found)  # what a rotation rounds
         return found
 
     def _refuse_torn(self, given: FloatArray, t: float) -> None:
@@ -80,12 +82,15 @@ class SlowLoads:
         whole = np.zeros(self.body.n_owned)
         whole[self.prescribed] = given
         off = abs(self.body.complete(whole.copy()) - whole)[np.intersect1d(self.prescribed, self.body.ties.dofs)]
-        size = max(self.body.comm.allgather(float(abs(given).max(initial=0.0))))
-        torn = off.max(initial=0.0) > SEVEN_DIGITS * size
+        torn = off.max(initial=0.0) > SEVEN_DIGITS * self._largest(given)
         self._agree(
             f"displacement moves nodes of a weld by {off.max():.4g} m away from the facets that they follow, at {t:g}; "
             "give both sides one motion" if torn else ""
         )
+
+    def _largest(self, given: FloatArray) -> float:
+        """m, of displacements (prescribed dofs,), without regard to signs. Collective."""
+        return max(self.body.comm.allgather(float(abs(given).max(initial=0.0))))
 
     def outer(self, t: float) -> TrialLoads:
         """The forces at a load parameter. Collective."""
@@ -104,7 +109,7 @@ class SlowLoads:
         Raises:
             ConvergenceError: as `NonlinearModel.force`.
         """
-        outer.heat()
+        outer.set_given_fields()
         internal = self.body.force(increment, dt=dt)
         if self.body.is_updated:
             # a cell that is inside out may have finite forces
@@ -112,16 +117,16 @@ class SlowLoads:
         external = outer.force(increment)
         residual = internal - external
         # reactions and loads are what balances; at rest nothing does
-        least = max(least, outer.loads.size_of_heat(outer.values))
+        least = max(least, outer.loads.size_of_given_fields(outer.values))
         size = max(least, self.body.norm(external), self.body.norm(residual[self.prescribed]))
         return Balance(residual, size if size > 0.0 else self.body.norm(internal))
 
     def net_load(self, outer: TrialLoads, increment: FloatArray) -> FloatArray:
         """(owned dofs,) N, less the internal forces where a temperature changes those. Collective."""
         force = outer.force(increment)
-        if not self.applied.any_heat:
+        if not self.applied.any_given_fields:
             return force
-        outer.heat()
+        outer.set_given_fields()
         return np.asarray(force - self.body.force(increment))
 
     def accept(self, before: HistorySnapshot, increment: FloatArray, t: float) -> None:
@@ -131,14 +136,14 @@ class SlowLoads:
             ConvergenceError: a history is not finite.
         """
         self.body.restore(before)
-        self.outer(t).heat()
+        self.outer(t).set_given_fields()
         self.body.commit(increment, dt=0.0)
 
     def tangent(
         self, outer: TrialLoads, increment: FloatArray, *, dt: float = 0.0, predicted: bool = False
     ) -> PETSc.Mat:
         """Its derivative, as of `NonlinearModel.tangent`. Collective."""
-        outer.heat()
+        outer.set_given_fields()
         return outer.subtract_slopes(self.body.tangent(increment, dt=dt, predicted=predicted), increment)
 
     def _fault_of_prescribed(self) -> str:

@@ -15,11 +15,9 @@ from flexmbd.multibody.bodies.body import Body, Frame
 from flexmbd.multibody.bodies.continuum_body import PlacedInterior
 from flexmbd.multibody.bodies.point_mass import is_point, refuse_turn
 from flexmbd.multibody.bodies.port import Port
-from flexmbd.multibody.contact.joined_surfaces import JoinedSurfaces, joined_surfaces
-from flexmbd.multibody.contact.surface_contact import SurfaceContact
 from flexmbd.multibody.force.alike import AlikeElements
 from flexmbd.multibody.force.protocol import BetweenFrames, Force, SwitchValue, WithStates
-from flexmbd.multibody.force.shared_numbers import SharedNumbers, WithSharedNumbers
+from flexmbd.multibody.force.shared_numbers import SharedNumbers
 from flexmbd.multibody.force.spring_damper import SPRINGS, SpringDamper
 from flexmbd.multibody.force.states import States
 from flexmbd.multibody.functions.callback import Law, StateFunction
@@ -46,6 +44,7 @@ from flexmbd.multibody.kernels.elements.penalty import PENALTY
 from flexmbd.multibody.kernels.elements.table import kind_of
 from flexmbd.multibody.kernels.elements.user_state_force import SOLVED_TOGETHER, STATE_FORCE
 from flexmbd.multibody.motion.machine import Machine, WrenchSource
+from flexmbd.multibody.plan.common_numbers import place_common_numbers
 from flexmbd.multibody.plan.force_places import AlikeRows, AlikeSpans, ForceSpan
 from flexmbd.multibody.plan.numbering import UNTURNED, Numbering
 from flexmbd.multibody.plan.state_table import StateTable, checked_law, flat
@@ -225,23 +224,6 @@ class ForceTable(StateTable):
         if place is None:
             raise SceneError("a contact cannot vary to a shape with another table; build the scene anew")
         return place
-
-    def share(self, force: WithSharedNumbers) -> None:
-        """Let the numbers that a force shares stand in the plan, once, before any force's own begin."""
-        for one in force.shared_numbers:
-            if one not in self._numbering.index.shared:
-                self._numbering.index.shared[one] = self.numbers(one.values)
-
-    def join(self, group: JoinedSurfaces) -> None:
-        """Let the numbers of contacts that give way together stand in the plan, before any force's own begin."""
-        for one in group.tables:
-            if one not in self._numbering.index.shared:
-                self._numbering.index.shared[one] = self.numbers(one.values)
-        tables = [self._numbering.index.shared[one] for one in group.tables]
-        place = self._numbering.data_size
-        self.numbers(group.numbers(tables, place))
-        for number, contact in enumerate(group.contacts):
-            self._numbering.index.joined[contact] = JoinedPlace(place, number, group.scratch)
 
     def joined(self) -> JoinedPlace:
         """Where the group of the force at hand stands."""
@@ -532,11 +514,7 @@ def assemble_forces(
     (`Numbering.add_memory`).  Forces whose numbers are to vary, among ``varied``, add them whatever these are now.
     """
     table = ForceTable(numbering, ground, varied)
-    for force in forces:
-        if isinstance(force, WithSharedNumbers):
-            table.share(force)
-    for group in joined_surfaces([force for force in forces if isinstance(force, SurfaceContact)]):
-        table.join(group)
+    place_common_numbers(numbering, forces)
     with_states = [force for force in forces if isinstance(force, (States, WithStates))]
     others = [force for force in forces if not isinstance(force, (States, WithStates))]
     for kind, run in groupby([*with_states, *others], key=type):

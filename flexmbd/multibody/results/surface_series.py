@@ -100,7 +100,7 @@ def tell_overlapping_surfaces(scene: CompiledScene, x: FloatArray, team: Team) -
 
     Warns:
         StartWarning: there is one; with the pair, how deep, and what to do.
-        RangeWarning: so many touch each other that they are not solved together.
+        RangeWarning: some are not solved together with others that press the same body; see ``tell_parted_surfaces``.
     """
     if not (of_surfaces(scene.plan).any() and team.is_root):
         return

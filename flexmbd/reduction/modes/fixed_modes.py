@@ -243,8 +243,7 @@ def _note_of_added(statics: Statics, eigenvalues: FloatArray, count: int, whole:
         f"{whole} fixed-interface modes, {whole - count} more than asked for: those at "
         f"{hertz(eigenvalues[count]):.6g} Hz have equal frequencies, and a part of them would favour a direction"
     )
-    if statics.model.comm.rank == 0:
-        warn(text, ModesWarning)
+    parallel.on_root(statics.model.comm, lambda: warn(text, ModesWarning))
     return {"equal frequencies": text}
 
 

@@ -234,7 +234,10 @@ def test_records_with_other_patches_need_a_new_machine():
 
 
 def test_variants_of_joined_surfaces():
-    """By another place of a plane as a scene that is built so; by patches of which the group knows nothing, refused."""
+    """With a plane at another place a variant has the forces of a scene that is built so.
+
+    Patches that the group does not know are refused.
+    """
     scene, pairs = between_planes()
     plane = pairs[2].frame_F
     parameters = {"surface": fm.parameter.OfForce(pairs[2], "surface"), "place": fm.parameter.FrameOrigin(plane)}

@@ -1,4 +1,4 @@
-"""Contacts of elastic surfaces that give way together, for patches of one body are pressed in several of them.
+"""Contacts of elastic surfaces that give way together: several press patches of one body.
 
 A body's residual flexibility joins all that presses its patches.  Contact a of a group is pressed by f_a >= 0, a force
 f_a r_a on the patches of a body: its own normal on its patch, and on the other surface the opposite normal by its
@@ -336,17 +336,27 @@ def _couple(plan, work, g, b, j, count, R):
 
 
 @kernel
-def rotation_of(known, j):
+def _rotation_of(known, j):
     """R of a member."""
     k = known[j]
     return (k[0], k[1], k[2], k[3], k[4], k[5], k[6], k[7], k[8])
 
 
 @kernel
+def _add_couples(plan, work, g, b, i, count, sign, out):
+    """Add to ``out``, numbers of all unknowns, the couples on all other members than i by a tried motion of body b."""
+    known = matrix_view(work.generalized, of_group(plan, g, MEMBERS), of_group(plan, g, N_MEMBERS) + 1, N_KNOWN)
+    for j in range(of_group(plan, g, N_MEMBERS)):
+        if j != i and of_member(plan, g, j, OWN) == b:
+            couple = _couple(plan, work, g, b, j, count, _rotation_of(known, j))
+            for c in range(3):
+                out[6 * j + 3 + c] += sign * couple[c]
+
+
+@kernel
 def add_couples_by_forces(plan, work, g, count):
     """Add to B what a unit of force on each contact changes of the couples on all other members."""
     vectors = matrix_view(work.generalized, of_group(plan, g, VECTORS), N_VECTOR, of_group(plan, g, N_SLOTS))
-    known = matrix_view(work.generalized, of_group(plan, g, MEMBERS), of_group(plan, g, N_MEMBERS) + 1, N_KNOWN)
     N = padded(of_group(plan, g, N_UNKNOWNS))
     B = matrix_view(work.generalized, of_group(plan, g, ROWS), count, N)
     for k in range(count):
@@ -358,11 +368,7 @@ def add_couples_by_forces(plan, work, g, count):
             fields = matrix_view(work.generalized, of_body(plan, g, b, FIELDS), N_FIELD, padded_patches(plan, g, b))
             clear_others(fields, TRIED)
             _move(plan, work, g, b, a, sl.at3(vectors, NORMAL, a), sl.at3(vectors, OWN_NORMAL, a), 1.0, TRIED)
-            for j in range(of_group(plan, g, N_MEMBERS)):
-                if j != i and of_member(plan, g, j, OWN) == b:
-                    couple = _couple(plan, work, g, b, j, count, rotation_of(known, j))
-                    for c in range(3):
-                        B[k, 6 * j + 3 + c] += couple[c]
+            _add_couples(plan, work, g, b, i, count, 1.0, B[k])
 
 
 @kernel
@@ -373,7 +379,7 @@ def add_couples_by_turns(plan, work, g, count):
     N = padded(of_group(plan, g, N_UNKNOWNS))
     K = matrix_view(work.generalized, of_group(plan, g, STIFFNESS), N, N)
     for i in range(of_group(plan, g, N_MEMBERS)):
-        b, R = of_member(plan, g, i, OWN), rotation_of(known, i)
+        b, R = of_member(plan, g, i, OWN), _rotation_of(known, i)
         for c in range(3):
             fields = matrix_view(work.generalized, of_body(plan, g, b, FIELDS), N_FIELD, padded_patches(plan, g, b))
             clear_others(fields, TRIED)
@@ -383,8 +389,4 @@ def add_couples_by_turns(plan, work, g, count):
                 if int(vectors[OWNER, a]) == i:
                     turned = cross3(e, sl.at3(vectors, NORMAL, a))
                     _move(plan, work, g, b, a, turned, rotate_back(R, turned), vectors[FORCE, a], TRIED)
-            for j in range(of_group(plan, g, N_MEMBERS)):
-                if j != i and of_member(plan, g, j, OWN) == b:
-                    couple = _couple(plan, work, g, b, j, count, rotation_of(known, j))
-                    for r in range(3):
-                        K[6 * j + 3 + r, 6 * i + 3 + c] -= couple[r]
+            _add_couples(plan, work, g, b, i, count, -1.0, K[:, 6 * i + 3 + c])

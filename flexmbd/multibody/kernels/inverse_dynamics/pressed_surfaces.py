@@ -75,16 +75,22 @@ APART = -2
 
 
 @kernel
+def _near(plan, work, row, x, deep):
+    """As ``near_patches``, and R."""
+    d, R, _, _ = relative_rates(plan, work, row[at.EL_F], row[at.EL_G])
+    qx, _, n = modes_of(plan, row)
+    rx, _, k = other_modes_of(plan, row)
+    slots, least = near_patches(plan, work, row, d, R, x[qx : qx + n], x[rx : rx + k], deep)
+    return slots, least, R
+
+
+@kernel
 def _count_near(plan, work, g, x, deep):
     """How many members have near patches."""
     count = 0
     for e in range(plan.elements.shape[0]):
-        row = plan.elements[e]
-        if is_of_group(plan, row, g):
-            d, R, _, _ = relative_rates(plan, work, row[at.EL_F], row[at.EL_G])
-            qx, _, n = modes_of(plan, row)
-            rx, _, k = other_modes_of(plan, row)
-            slots, _ = near_patches(plan, work, row, d, R, x[qx : qx + n], x[rx : rx + k], deep)
+        if is_of_group(plan, plan.elements[e], g):
+            slots, _, _ = _near(plan, work, plan.elements[e], x, deep)
             count += 1 if slots > 0 else 0
     return count
 
@@ -102,12 +108,9 @@ def press_group(plan, work, g, x):
     for e in range(plan.elements.shape[0]):
         row = plan.elements[e]
         if is_of_group(plan, row, g):
-            d, R, _, _ = relative_rates(plan, work, row[at.EL_F], row[at.EL_G])
-            qx, _, n = modes_of(plan, row)
-            rx, _, k = other_modes_of(plan, row)
+            _, least, R = _near(plan, work, row, x, 0.0)
             for c in range(9):
-                known[sg.number_in_group(plan, row), c] = R[c]
-            _, least = near_patches(plan, work, row, d, R, x[qx : qx + n], x[rx : rx + k], 0.0)
+                known[sg.number_in_group(plan, row), sg.ROTATION + c] = R[c]
             if least != least:
                 return -1
             deep = max(deep, -least)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from flexmbd.multibody.kernels.base.compiling import kernel
 from flexmbd.multibody.kernels.base.deferred import deferred_kernel
-from flexmbd.multibody.kernels.tangent.sparse_assembly import row_of
+from flexmbd.multibody.kernels.tangent.sparse_elements import row_of
 from flexmbd.multibody.kernels.tangent.unknown_blocks import CUT, MOTION
 
 
