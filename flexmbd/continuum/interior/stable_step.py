@@ -93,7 +93,7 @@ class StableStep:
         self._is_elastic = not (body.is_updated or history or body.fields is not None or fields is not None)
         self._shape: MovedMesh | None = None
         # cells of beams and plates keep their shape; straight ones under curved displacements have their corners'
-        if not body.has_rotations and compat.geometry_degree(domain) in (1, body.degree):
+        if not body.turns and compat.geometry_degree(domain) in (1, body.degree):
             self._shape = MovedMesh(body.layout.node_space)
         with as_fresh(body):
             self._find_at_rest()
@@ -132,7 +132,7 @@ class StableStep:
         if self._shape is None:
             return self.at_rest
         size = self._smallest()
-        if abs(size / self._size - 1.0) > _CHANGE:
+        if abs(size / self._size - 1.0) > (_CHANGE if self._body.is_updated else _CHANGE / 2):
             self._size = size
             if self._is_elastic:
                 self._found = self._by_law()
@@ -140,7 +140,9 @@ class StableStep:
                 self._found = self._elastic * float(np.sqrt(self._first / self._of_shapes()))
             if self._body.springs is not None or not self._body.is_updated:
                 self._found = min(self._found, self._elastic)
-        return self._with_viscosity(self._found * min(1.0, size / self._size))
+        # laws of small strains do not know of their cells' shape: small changes of that are left to be found anew
+        between = min(1.0, size / self._size) if self._body.is_updated else 1.0
+        return self._with_viscosity(self._found * between)
 
     @property
     def memory(self) -> tuple[float, float]:
