@@ -92,8 +92,8 @@ def compiled_law():
 
 
 def built(form, parameters, cell, *, lanes, threads=1, heated=False, monkeypatch):
-    """A block of more than 500 cells, no multiple of any number of lanes."""
-    monkeypatch.setattr(lane_pass, "FEWEST_CELLS", 500 if lanes else 10**9)
+    """A block whose cells are no multiple of any number of lanes."""
+    monkeypatch.setattr(lane_pass, "LEAST_WORK", 0 if lanes else 10**12)
     if lanes:
         monkeypatch.setattr(lane_pass, "common_lanes", lambda comm: lanes)
     if cell == "quadrilateral":
@@ -190,8 +190,9 @@ OF_CELLS = {
 
 @pytest.mark.parametrize("case", OF_CELLS.values(), ids=OF_CELLS)
 def test_lanes_and_threads_change_no_bit_of_fields_of_one_cell(case, monkeypatch):
-    """Nor of their values, solved for implicitly and, at the end, as explicit steps do."""
+    """Nor of their values, solved for implicitly and, at the end, as explicit steps do; nor of energies, but sums."""
     found: list[list[np.ndarray]] = []
+    energies: list[dict[str, float]] = []
     for lanes, threads in ((0, 1), (1, 1), (ours()[-1], 1), (2, 3)):
         body = built(*case, "wall", lanes=lanes, threads=threads, monkeypatch=monkeypatch)
         if lanes:
@@ -199,7 +200,12 @@ def test_lanes_and_threads_change_no_bit_of_fields_of_one_cell(case, monkeypatch
         ends = stepped(body)
         ends += [body.step(1e-4 * np.sin(np.arange(body.layout.n_local))), body._histories[0].solved.accepted.copy()]
         found.append(ends)
+        energies.append(body.energies())
+        assert (body._histories[0]._totals is not None) == (lanes > 0)
     assert abs(found[0][-1]).max() > 0.0
+    assert energies[0]["elastic"] > 0.0
+    for other in energies[1:]:
+        assert other == pytest.approx(energies[0], rel=1e-12)
     for others in found[1:]:
         for one, many in zip(found[0], others, strict=True):
             np.testing.assert_array_equal(many, one)
@@ -222,6 +228,51 @@ def test_a_run_is_the_same_in_threads(monkeypatch):
         return run.motion.x
 
     np.testing.assert_array_equal(ran(2), ran(1))
+
+
+def test_work_is_what_loops_repeat(tmp_path):
+    """Two statements, five times one and three times another, twenty times one in a loop in the first."""
+    code = """
+void tabulate_tensor_x(double* restrict A)
+{
+// x = 1;
+static const double t[1] = {1.0};
+double a = 0.0;
+for (int iq = 0; iq < 5; ++iq)
+{
+  double b = a;
+  for (int i = 0; i < 4; ++i)
+  {
+    A[i] += b;
+  }
+}
+for (int i = 0; i < 3; ++i)
+{
+  A[i] += a;
+}
+A[0] = a;
+}
+double other = 1.0;
+"""
+    (tmp_path / "made.c").write_text(code)
+    module = types.ModuleType("made")
+    module.__file__ = str(tmp_path / "made.cpython.so")
+    assert lane_library.work_of_kernel(module) == 2 + 5 + 20 + 3
+    module.__file__ = str(tmp_path / "none.so")
+    assert lane_library.work_of_kernel(module) == 0
+
+
+def test_heavy_cells_are_taken_in_lanes_from_few_on():
+    """A hundred bricks of finite plastic strain have as much to do as thousands of elastic tetrahedra."""
+    bodies = [
+        NonlinearModel(
+            meshes.block(1.0, 0.5, 0.5, divisions=(5, 5, 5), cell=cell, comm=MPI.COMM_SELF), form, parameters, degree=1
+        )
+        for form, parameters, cell in (CASES["finite strain"], CASES["no history"])
+    ]
+    few, many = (len(body.groups[0].cells) for body in bodies)
+    assert many > 4 * few
+    assert [body._histories[0]._pass._blocks is None for body in bodies] == [False, True]
 
 
 @pytest.mark.parametrize("threads", [0, -1, 1.5, True, 10**6])

@@ -153,13 +153,15 @@ class CellCompiler:
         reads = [coefficients[position] for position in positions]
         return CellKernel(address, module, symbols, values_of(symbols), reads)
 
-    def totals(self, terms: Sequence[IntegralTerm]) -> CellKernel | None:
-        """That of the integrals of terms over a cell, (terms,); None where a rule is not the history's."""
-        if not all(self._is_of_history(rule) for _, rule in terms):
-            return None
-        cell = self._domain.topology.cell_name()
-        of_cell = self._test_function(basix.ufl.element("DG", cell, 0, shape=(len(terms),)))
-        return self._compiled(sum(density * of_cell[i] for i, (density, _) in enumerate(terms)), self._rule)
+    def totals(self, terms: Sequence[IntegralTerm]) -> list[CellKernel]:
+        """Those of the integrals of terms over a cell, (terms,), one for each rule."""
+        element = basix.ufl.element("DG", self._domain.topology.cell_name(), 0, shape=(len(terms),))
+        of_cell = self._test_function(element)
+        found: dict[tuple[int, str], tuple[Any, Quadrature]] = {}
+        for i, (density, rule) in enumerate(terms):
+            before, _ = found.get((rule.degree, rule.scheme), (0, rule))
+            found[rule.degree, rule.scheme] = before + density * of_cell[i], rule
+        return [self._compiled(density, rule) for density, rule in found.values()]
 
     def tables(self, codes: Sequence[CellKernel | None], sizes: Sequence[int], *, weights: FloatArray) -> Kernels:
         """What the compiled loops are told of kernels.

@@ -130,23 +130,24 @@ class CellPass:
     def totals(self, terms: Sequence[IntegralTerm]) -> Callable[[], FloatArray] | None:
         """A function that finds the means and integrates terms over this rank's cells of the group, (terms,).
 
-        None where there are few cells, or terms have other rules than the history. Collective, compiles; calls of the
-        function are not collective.
+        They are of the accepted history, and of the accepted fields of one cell. None where there is little to do.
+        Collective, compiles; calls of the function are not collective.
         """
-        code = None if self._blocks is None or self._solved is not None else self._compiler.totals(terms)
-        if self._blocks is None or code is None:
+        if self._blocks is None:
             return None
-        codes = [self._codes[0], None, None, code]
+        further = self._compiler.totals(terms)
+        codes = [self._codes[0], None, None, *further]
         kernels = self._compiler.tables(codes, self._sizes, weights=self._kernels.weights)
         wide = self._blocks.in_lanes(self._domain.comm, kernels, _modules(codes))
         if wide is None:
             return None
         blocks, nodes, used = self._blocks, compat.cell_nodes(self._domain), wide
-        self._codes.append(code)  # whose constants are renewed
+        own = self._inner.values if self._solved is None else self._solved.accepted
+        self._codes += further  # whose constants are renewed
 
         def found() -> FloatArray:
             self._take_known()
-            return blocks.totals(self._fields, nodes, self._domain.geometry.x, used, count=len(terms))
+            return blocks.totals(self._fields, own, nodes, self._domain.geometry.x, used, count=len(terms))
 
         return found
 

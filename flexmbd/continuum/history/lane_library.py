@@ -9,6 +9,7 @@ from __future__ import annotations
 import ctypes
 import hashlib
 import platform
+import re
 import shlex
 import subprocess
 import tempfile
@@ -28,6 +29,9 @@ from flexmbd.files.whole_file import replace_file
 _NAME = "tabulate_lanes"
 # GCC makes roots of powers where it has registers for several, which changes digits
 _OPTIONS = ("-std=gnu17", "-O2", "-w", "-fPIC", "-fno-math-errno", "-ffp-contract=off", "-fno-builtin-pow")
+
+# a loop of FFCx
+_LOOP = re.compile(r"for \(int \w+ = 0; \w+ < (\d+); ")
 
 # what a processor of x86-64 can do, how a compiler is told, and how many numbers its registers then have
 _WIDE = (
@@ -86,6 +90,33 @@ def lane_kernel(module: Any, *, lanes: int) -> tuple[int, Any] | None:
     return None
 
 
+def work_of_kernel(module: Any) -> int:
+    """How many statements the code of an FFCx module's one kernel carries out for a cell; not collective."""
+    try:
+        code = _code(Path(module.__file__))
+    except OSError:
+        return 0
+    turns, inside, found = 1, [1], 0
+    for line in map(str.strip, code[code.find("void tabulate_tensor") :].splitlines()):
+        if loop := _LOOP.match(line):
+            turns = int(loop[1])
+        elif line == "{":
+            inside.append(turns * inside[-1])
+            turns = 1
+        elif line == "}":
+            inside.pop()
+            if len(inside) == 1:
+                break
+        elif line.endswith(";") and not line.startswith(("static", "//")):
+            found += inside[-1]
+    return found
+
+
+def _code(path: Path) -> str:
+    """What FFCx wrote, of the module at a path."""
+    return path.with_name(f"{path.name.partition('.')[0]}.c").read_text(encoding="utf-8")
+
+
 def _compiled(path: Path, command: list[str], lanes: int) -> bytes:
     """A shared library of the kernel of the FFCx module at a path.
 
@@ -94,7 +125,7 @@ def _compiled(path: Path, command: list[str], lanes: int) -> bytes:
         SubprocessError: the compiler refuses it.
         OSError: a file cannot be read or written; there is no compiler.
     """
-    code = path.with_name(f"{path.name.partition('.')[0]}.c").read_text(encoding="utf-8")
+    code = _code(path)
     with tempfile.TemporaryDirectory() as folder:
         source, made = Path(folder, "lanes.c"), Path(folder, "lanes.so")
         source.write_text(lane_code(code, _NAME, lanes=lanes), encoding="utf-8")

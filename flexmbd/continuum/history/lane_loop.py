@@ -140,6 +140,20 @@ def _gather(blocks, width, fields, kernels, room):  # type: ignore[no-untyped-de
 
 
 @kernel
+def _gather_whole(blocks, width, fields, inner, own, room):  # type: ignore[no-untyped-def]
+    """Collect the displacements, fields of one cell and history of a block's cells."""
+    begin = inner.shared.shape[0] + inner.places.shape[0]
+    for lane in range(room.row.shape[1]):
+        cell = room.cells[lane]
+        for i in range(inner.shared.shape[0]):
+            room.row[inner.shared[i], lane] = fields.u[width * blocks[cell, i // width] + i % width]
+        for i in range(inner.places.shape[0]):
+            room.row[inner.places[i], lane] = own[cell, i]
+        for i in range(fields.state.shape[1]):
+            room.row[begin + i, lane] = fields.state[cell, i]
+
+
+@kernel
 def of_lane(room, lane):  # type: ignore[no-untyped-def]
     """Work at one of the cells."""
     one = room.one
@@ -294,8 +308,10 @@ def pass_blocks(  # type: ignore[no-untyped-def]
 
 
 @entry_kernel
-def block_totals(cells, first, last, nodes, x, blocks, width, fields, kernels, room, totals):  # type: ignore[no-untyped-def]
-    """What a kernel integrates over each cell, of some blocks, with its mean before.
+def block_totals(  # type: ignore[no-untyped-def]
+    cells, first, last, nodes, x, blocks, width, fields, kernels, room, inner, own, totals
+):
+    """What kernels integrate over each cell, of some blocks, with its mean before.
 
     Args:
         cells: (k,) the group's.
@@ -306,15 +322,20 @@ def block_totals(cells, first, last, nodes, x, blocks, width, fields, kernels, r
         blocks: (all cells, m) of the unknowns' dofs.
         width: dofs of a block.
         fields: what is read and written.
-        kernels: that of the mean, and in the place of that of forces what integrates.
+        kernels: that of the mean, and in the place of those of forces what integrates.
         room: to work in.
+        inner: fields of one cell: their places.
+        own: (all cells, m) their values.
         totals: (k, n) of the group's cells, which are set.
     """
     lanes = room.row.shape[1]
     for b in range(first, last):
         count = take_block(cells, b, nodes, x, room)
-        _gather(blocks, width, fields, kernels, room)
-        tabulate_lanes(kernels, FORCES, room, totals.shape[1])
+        if inner.places.shape[0] == 0:
+            _gather(blocks, width, fields, kernels, room)
+        else:
+            _gather_whole(blocks, width, fields, inner, own, room)
+        tabulate_forces_of_lanes(kernels, room, totals.shape[1])
         for lane in range(count):
             for i in range(totals.shape[1]):
                 totals[lanes * b + lane, i] = room.tensor[i, lane]

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexmbd.continuum.history.lane_field_loop import pass_field_blocks
-from flexmbd.continuum.history.lane_library import common_lanes, lane_kernel
+from flexmbd.continuum.history.lane_library import common_lanes, lane_kernel, work_of_kernel
 from flexmbd.continuum.history.lane_loop import LaneRoom, block_totals, pass_blocks, sum_kept
 from flexmbd.continuum.history.point_loop import LAW, CellUnknowns, Fields, Kernels, Room
 from flexmbd.errors import FormulationError
@@ -24,8 +24,9 @@ from flexmbd.errors import FormulationError
 FloatArray = NDArray[np.float64]
 Indices = NDArray[np.int32]
 
-#: A body of fewer cells is not worth the second or two in which kernels for lanes are compiled.
-FEWEST_CELLS = 500
+#: Statements of all kernels for all cells: a body of fewer, half a millisecond a pass, is not worth the second in which
+#: kernels for lanes are compiled.
+LEAST_WORK = 2_000_000
 
 _MOST_THREADS = 1024  # more than any computer has cores for
 
@@ -133,14 +134,17 @@ class LanePass:
             )
         return self._cells[rows]
 
-    def totals(self, fields: Fields, nodes: Indices, x: FloatArray, kernels: Kernels, *, count: int) -> FloatArray:
-        """Sums over the cells of what a kernel integrates, (count,); not collective.
+    def totals(
+        self, fields: Fields, own: FloatArray, nodes: Indices, x: FloatArray, kernels: Kernels, *, count: int
+    ) -> FloatArray:
+        """Sums over the cells of what kernels integrate, (count,); not collective.
 
         Args:
             fields: what is read.
+            own: (all cells, m) the fields of one cell.
             nodes: (all cells, n) of the geometry.
             x: (nodes, 3) m.
-            kernels: that of the mean, and in the place of that of forces what integrates, for the same lanes.
+            kernels: that of the mean, and in the place of those of forces what integrates, for the same lanes.
             count: of its numbers.
         """
         self._prepare(nodes.shape[1])
@@ -148,7 +152,8 @@ class LanePass:
 
         def part(first: int, last: int, room: LaneRoom) -> None:
             block_totals(
-                self._cells, first, last, nodes, x, self._blocks, self._width, fields, kernels, room, found
+                self._cells, first, last, nodes, x, self._blocks, self._width, fields, kernels, room, self._inner, own,
+                found,
             )  # fmt: skip
 
         self._share(-(-len(self._cells) // self._lanes), part)
@@ -203,7 +208,7 @@ def lane_pass(
     room: Room,
     inner: CellUnknowns,
 ) -> LanePass | None:
-    """The passes over a group's cells in lanes; None where there are few. Collective, compiles.
+    """The passes over a group's cells in lanes; None where there is little to do. Collective, compiles.
 
     Args:
         comm: of the body.
@@ -215,7 +220,8 @@ def lane_pass(
         room: in which one cell is worked on.
         inner: fields of one cell.
     """
-    if comm.allreduce(len(cells)) < FEWEST_CELLS:
+    of_cell = sum(work_of_kernel(module) for module in modules if module is not None)
+    if comm.allreduce(len(cells) * of_cell) < LEAST_WORK:
         return None
     lanes = common_lanes(comm)
     found = _all_in_lanes(comm, modules, lanes=lanes)

@@ -229,10 +229,10 @@ class History:
 
     def energies(self) -> dict[str, float]:
         """This rank's energies, J, of the accepted history at the present displacement, by name. Collective."""
+        if self._totals is not None:
+            return dict(zip(self._energy_terms, map(float, self._totals()), strict=True))
         if self.solved is not None:
             self.solved.fill(accepted=True)
-        elif self._totals is not None:
-            return dict(zip(self._energy_terms, map(float, self._totals()), strict=True))
         self.average()
         return {name: float(fem.assemble_scalar(form)) for name, form in self._energy_forms.items()}
 
