@@ -43,7 +43,7 @@ VEHICLE, SPEED = 10.0, 35.0  # kg of a quarter, m/s
 FINE, FILM, FOLD, BRICKS = (f"--{choice}" in sys.argv for choice in ("fine", "film", "fold", "bricks"))
 SHORT = "--short" in sys.argv
 END = 1.05e-3 if FOLD else 0.6e-3 if SHORT else 0.9e-3  # s
-DIVISIONS = ((12, 3, 96) if FINE else (5, 2, 40)) if BRICKS else (8, 1, 40) if FINE else (5, 1, 30)
+DIVISIONS = ((12, 3, 96) if FINE else (5, 2, 40)) if BRICKS else (7, 1, 40) if FINE else (5, 1, 30)
 
 comm = MPI.COMM_WORLD
 root = comm.rank == 0

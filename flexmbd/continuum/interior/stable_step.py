@@ -7,9 +7,12 @@ the inverse root of its largest eigenvalue.  Between two such estimates it goes 
 inverse norm of the inverse Jacobian.  Viscous forces, which act by the rates of the step before, shorten it: with the
 largest eigenvalues k of stiffness and c of damping, by mass, it is bounded by h^2 k + 2 h c = 4.  Bulk viscosity counts
 among them, its quadratic part by the fastest compression of the last step.  No change of shape lengthens the step
-beyond the estimate at rest where springs on facets are in it, nor of formulations of the initial configuration: what is
-stretched need not be softer by their laws, which are asked themselves where they have no history.  Plastic flow only
-softens a body, and is left out on purpose.
+beyond the estimate at rest where springs on facets are in it.  Plastic flow only softens a body, and is left out on
+purpose.
+
+Formulations of the initial configuration have their estimate anew where the least stretch in a cell has changed, by
+the law itself where it has no history.  None lengthens the step beyond that at rest: what is stretched need not be
+softer.
 """
 
 from __future__ import annotations
@@ -84,7 +87,11 @@ class StableStep:
         domain = body.mesh.mesh
         points, _ = basix.make_quadrature(basix.CellType[domain.topology.cell_name()], 2 * body.degree)
         inverse = inverse_jacobian(domain)
-        self._inverse = fem.Expression(ufl.inner(inverse, inverse), points)
+        self._sizes = self._stretches = fem.Expression(ufl.inner(inverse, inverse), points)
+        if not body.is_updated:
+            # not of sizes: a wall whose edges through it are heavier has its step by those along it
+            back = ufl.inv(ufl.Identity(3) + ufl.grad(moved))
+            self._stretches = fem.Expression(ufl.inner(back, back), points)
         self._cells = np.arange(domain.topology.index_map(body.mesh.dim).size_local, dtype=np.int32)
         self._bulk = bulk
         self._held: FloatArray | float = 0.0  # N, in the shape about which differences are taken
@@ -101,7 +108,7 @@ class StableStep:
     def _find_at_rest(self) -> None:
         """The estimate of the undeformed body. Collective."""
         body, bulk, fields = self._body, self._bulk, self._fields
-        self._first, self._size = self._of_shapes(), self._smallest()
+        self._first, self._length, self._size = self._of_shapes(), self._least(self._sizes), self._smallest()
         self._damping = self._damping_rate()
         self._bulk_rate = 0.0 if bulk is None else self._largest_rate(bulk.unit_matrix())
         if body.springs is not None and not body.springs.are_linear:
@@ -205,9 +212,16 @@ class StableStep:
         return self._shape.at(self._body.displacement[self._body.layout.displacement_dofs].reshape(-1))
 
     def _smallest(self) -> float:
-        """Size of the smallest cell, in some unit. Collective."""
-        with self._present_shape():
-            most = float(self._inverse.eval(self._body.mesh.mesh, self._cells).max(initial=0.0))
+        """Size of the smallest cell, in some unit; of formulations of the initial configuration the least stretch."""
+        body = self._body
+        if not body.is_updated:
+            self._moved.array[:] = body.displacement[body.layout.displacement_dofs].reshape(-1)
+        with body.present_mesh():
+            return self._least(self._stretches)
+
+    def _least(self, squared_inverse: fem.Expression) -> float:
+        """The inverse root of its largest value on any cell. Collective."""
+        most = float(squared_inverse.eval(self._body.mesh.mesh, self._cells).max(initial=0.0))
         return max(self._body.comm.allgather(most)) ** -0.5
 
     def _of_shapes(self) -> float:
@@ -243,7 +257,7 @@ class StableStep:
         u = self._u.x
         u.array[:owned] = self._at_dofs(w)
         u.scatter_forward()
-        size = _SMALL * self._size / max(body.comm.allgather(float(abs(u.array).max(initial=0.0))))
+        size = _SMALL * self._length / max(body.comm.allgather(float(abs(u.array).max(initial=0.0))))
         u.array[:] *= size
         if self._fields is None:
             # exact fields of one cell would be asked for digits that differences so small do not have
