@@ -1,12 +1,13 @@
-"""Thin walls: error over unknowns and processor time, by solid-shells, by bricks, and by Kratos' shells.
+"""Thin walls: error over unknowns and processor time, by solid-shells, by bricks, and by shells of Kratos and CalculiX.
 
 Scordelis-Lo roof, pinched cylinder and pinched hemisphere, linear, and the hemisphere under half the load of Sze, Liu
 & Lo (2004), on n x n cells, one through the thickness: `solid_shell`; `solid_enhanced`, whose incompatible modes bend;
-quadratic bricks (`solid_linear`, far `st_venant_kirchhoff`); Kratos' thin shell of four nodes. Errors are of the
-displacement that the literature gives. Times are of processor time of one thread: matrix, factor, solution; far, of the
-whole path.
+quadratic bricks (`solid_linear`, far `st_venant_kirchhoff`); Kratos' thin shell of four nodes; CalculiX's S8R of eight
+(shells_calculix.py), where it is not installed by its errors as kept here. Errors are of the displacement that the
+literature gives. Times are of processor time of one thread: matrix, factor, solution; of CalculiX the whole program;
+far, of the whole path.
 
-    bash benchmarks/install_peers.sh            # once: Kratos
+    bash benchmarks/install_peers.sh            # once: Kratos, CalculiX
     ./run python -m benchmarks shells [--quick]
     ./run python benchmarks/shells.py [--short]
 """
@@ -45,10 +46,18 @@ OURS: dict[str, tuple[ModuleType, int]] = {
     "solid_shell": (solid_shell, 1), "solid_enhanced": (solid_enhanced, 1), "quadratic bricks": (solid_linear, 2)
 }  # fmt: skip
 
+KRATOS, CALCULIX = "Kratos, thin shell", "CalculiX, S8R"
+#: Unknowns and errors by CalculiX 2.20 (Debian 12) on n x n cells.
+KEPT: dict[str, dict[int, tuple[int, float]]] = {
+    "Scordelis-Lo roof": {4: (376, 0.00547), 8: (1424, 0.00275), 16: (5536, 0.00267), 32: (21824, 0.00267)},
+    "pinched cylinder": {4: (356, -0.1317), 8: (1384, -0.02958), 16: (5456, -0.00031), 32: (21664, 0.00819)},
+    "pinched hemisphere": {4: (418, -0.22359), 8: (1506, -0.00942), 16: (5698, -0.00348), 32: (22146, -0.00306)},
+}
+
 
 @dataclass(frozen=True)
 class Found:
-    """What a program found: s, unknowns, m; seconds of each round."""
+    """What a program found: s, unknowns, m; seconds of each round, none where it was not run."""
 
     seconds: list[float]
     unknowns: float
@@ -142,13 +151,22 @@ class Bricks:
         return Found([time.process_time() - begin], self.unknowns, self.moved(self.body.displacement))
 
 
-def kratos(name: str, n: int) -> Found | None:
-    """By its thin shell; None where it is not there."""
-    task = peer_task("kratos", "shells_kratos.py", [name, "thin", str(n)])
+def by_peer(peer: str, script: str, arguments: list[str]) -> Found | None:
+    """By another program; None where it is not there."""
+    task = peer_task(peer, script, arguments)
     if task is None:
         return None
     found = [task() for _ in range(ROUNDS)]
     return Found([one["seconds"] for one in found], found[0]["unknowns"], found[0]["moved"])
+
+
+def calculix(name: str, n: int, exact: float) -> Found | None:
+    """By its shells, or as kept."""
+    found = by_peer("calculix", "shells_calculix.py", [name, str(n)])
+    if found is not None or n not in KEPT[name]:
+        return found
+    unknowns, error = KEPT[name][n]
+    return Found([], unknowns, (1.0 + error) * exact)
 
 
 def measure(report: Report, linear: Sequence[int], far: Sequence[int]) -> None:
@@ -160,11 +178,13 @@ def measure(report: Report, linear: Sequence[int], far: Sequence[int]) -> None:
             found: dict[str, Found | None] = {
                 by: Bricks(problem, form, degree, n).linear() for by, (form, degree) in OURS.items()
             }
-            found["Kratos, thin shell"] = kratos(name, n)
+            found[KRATOS] = by_peer("kratos", "shells_kratos.py", [name, "thin", str(n)])
+            found[CALCULIX] = calculix(name, n, problem.exact)
             for by, one in found.items():
                 if one is not None:
                     _say(report, name, by, n, one, problem.exact)
-                    rows.setdefault(by, []).append((abs(one.moved / problem.exact - 1.0), min(one.seconds)))
+                    seconds = min(one.seconds, default=float("nan"))
+                    rows.setdefault(by, []).append((abs(one.moved / problem.exact - 1.0), seconds))
         _compare(report, name, rows)
     for by, (form, degree) in {"solid_shell": (solid_shell, 1), "quadratic bricks": (st_venant_kirchhoff, 2)}.items():
         for n in far:
@@ -178,19 +198,17 @@ def measure(report: Report, linear: Sequence[int], far: Sequence[int]) -> None:
 
 def _say(report: Report, name: str, by: str, n: int, one: Found, exact: float) -> None:
     error = one.moved / exact - 1.0
-    report.say(f"| {name} | {by} | {n} | {one.unknowns:.0f} | {min(one.seconds):.3f} | {error:+.2%} |")
+    seconds = f"{min(one.seconds):.3f}" if one.seconds else "kept"
+    report.say(f"| {name} | {by} | {n} | {one.unknowns:.0f} | {seconds} | {error:+.2%} |")
 
 
 def _compare(report: Report, name: str, rows: dict[str, list[tuple[float, float]]]) -> None:
-    """Kratos' time over the solid-shell's, each by the first mesh that comes within 2 %."""
-    times = {
-        by: next((seconds for error, seconds in rows.get(by, []) if error < 0.02), float("nan"))
-        for by in ("solid_shell", "Kratos, thin shell")
-    }
-    report.beside(
-        name, task="linear, to 2 %", peer="Kratos, thin shell", theirs=times["Kratos, thin shell"],
-        ours=times["solid_shell"],
-    )  # fmt: skip
+    """Other programs' times over the solid-shell's, each by the first mesh that comes within 2 %."""
+    times = {by: next((s for error, s in found if error < 0.02), float("nan")) for by, found in rows.items()}
+    for peer in (KRATOS, CALCULIX):
+        report.beside(
+            name, task="linear, to 2 %", peer=peer, theirs=times.get(peer, float("nan")), ours=times["solid_shell"]
+        )
 
 
 def quick(report: Report) -> None:
