@@ -115,7 +115,7 @@ class CellFieldsSolved:
 
     def renew(self, cells: Indices) -> NDArray[np.bool_]:
         """Keep the tangents of some cells on trial; which of them have a singular part of the fields."""
-        parts = [np.zeros(0, dtype=bool)]
+        parts: list[NDArray[np.bool_]] = [np.zeros(0, dtype=bool)]
         for some in chunks(cells):
             columns = self._of_cells(some)
             inverse, singular = inverted(columns[:, self._fields.cell_places])
