@@ -1,4 +1,4 @@
-"""Thin walls bent far on small meshes, against the tables of Sze, Liu & Lo 2004.
+"""Thin walls bent far on small meshes, against the tables of Sze, Liu & Lo 2004, and one that yields.
 
 `verification/walls` has finer ones. Bounds are the errors of these meshes, known from their convergence: the tables'
 numbers are those of meshes three times as fine.
@@ -6,7 +6,13 @@ numbers are those of meshes three times as fine.
 
 import numpy as np
 
-from verification.walls import hinged_roof, open_cylinder, pinched_hemisphere_far, slit_annular_plate
+from verification.walls import (
+    hinged_roof,
+    open_cylinder,
+    pinched_cylinder_yields,
+    pinched_hemisphere_far,
+    slit_annular_plate,
+)
 
 
 def test_a_slit_annular_plate_is_lifted():
@@ -37,3 +43,11 @@ def test_a_hinged_roof_snaps_through_and_back():
     assert 0 < found.largest / 585.9 - 1 < 0.03
     assert 0 < 1 - found.least / -386.4 < 0.04
     assert found.turns[0] > 16.5 > 15.0 > found.turns[1]
+
+
+def test_a_pinched_cylinder_yields():
+    """16 x 16 cells, as the first fold begins: above CalculiX's 24 x 24 x 2 quadratic bricks, the less the farther."""
+    found = pinched_cylinder_yields.pushed_in(16, np.array([5.0, 10.0]))
+    more = found / (170.33, 240.40) - 1
+    assert (more > 0).all()
+    assert (more < (0.09, 0.045)).all()

@@ -12,10 +12,11 @@ from numpy.typing import NDArray
 
 import flexmbd as fm
 from flexmbd import meshes
-from flexmbd.continuum import NonlinearModel, equilibrium_path
+from flexmbd.continuum import NonlinearModel, equilibrium_path, follow
 from flexmbd.continuum.history.displacement_newton import Newton
 from flexmbd.continuum.slow_loading.body_path import BodyPath
 from flexmbd.forms import solid_shell, solid_shell_plasticity
+from flexmbd.forms.j2_plasticity import LinearHardening
 from verification.reference import Source
 
 FloatArray = NDArray[np.float64]
@@ -54,10 +55,11 @@ class Wall:
         E: float,
         nu: float,
         yield_stress: float | None = None,
+        hardening: float = 0.0,
         normals: Normals | None = None,
         layers: int = 1,
     ) -> None:
-        """Of cells about the surface place(i, j), (i, j) in the unit square; elastic, or perfectly plastic."""
+        """Of cells about the surface place(i, j), (i, j) in the unit square; elastic, or hardening linearly."""
         n, m = cells
         i, j = (v.ravel() for v in np.meshgrid(np.linspace(0, 1, n + 1), np.linspace(0, 1, m + 1), indexing="ij"))
         row = np.arange((n + 1) * (m + 1)).reshape(n + 1, m + 1)
@@ -70,7 +72,9 @@ class Wall:
         if yield_stress is None:
             self.body = NonlinearModel(mesh, solid_shell, solid_shell.Parameters(E=E, nu=nu, rho=1.0), degree=1)
         else:
-            metal = solid_shell_plasticity.Parameters(E=E, nu=nu, rho=1.0, yield_stress=yield_stress)
+            metal = solid_shell_plasticity.Parameters(
+                E=E, nu=nu, rho=1.0, yield_stress=yield_stress, hardening=LinearHardening(hardening)
+            )
             self.body = NonlinearModel(mesh, solid_shell_plasticity, metal, degree=1)
         self.x, self.dofs = self.body.layout.node_x, self.body.layout.displacement_dofs
         self.held: NDArray[np.int32] = np.zeros(0, dtype=np.int32)
@@ -118,6 +122,19 @@ class Wall:
             self.path(force, fm.Continuation(to=share), reached=reached)
             found.append(ends(self.body.displacement[self.dofs]))
         return np.array(found)
+
+    def pushed(self, nodes: NDArray[np.intp], axis: int, ways: Sequence[float]) -> FloatArray:
+        """(ways,) forces along an axis on nodes that are moved together along it, to one way after the other."""
+        moved = self.dofs[nodes][:, axis]
+        held = np.union1d(self.held, moved).astype(np.int32)
+        drives = np.isin(held, moved)
+        sign = np.sign(ways[-1])
+        path = follow(
+            self.body, [abs(way) for way in ways], prescribed=held,
+            displacement=lambda t: np.where(drives, sign * t, 0.0),
+        )  # fmt: skip
+        forces = {step.t: float(step.reactions[drives].sum()) for step in path.steps}
+        return np.array([forces[abs(way)] for way in ways])
 
     def path(self, force: FloatArray, path: fm.Continuation, *, reached: float = 0.0) -> BodyPath:
         """Equilibria along their arc, under factors times the forces (dofs,)."""
