@@ -146,6 +146,25 @@ def test_tangents_of_cells_are_few(monkeypatch):
     assert sum(renewed) <= 24 + 0.05 * 24 * 60
 
 
+def test_the_columns_of_fields_are_those_of_the_whole_tangent():
+    """Of bricks that yield: inverse and coupling, as explicit steps keep them, and those of the condensed tangent."""
+    form, p = yielding()
+    body = NonlinearModel(meshes.block(0.3, 0.1, 0.1, divisions=(3, 2, 2), comm=SELF), form, p, degree=1)
+    x, u = body.layout.node_x, np.zeros(body.layout.n_local)
+    u[body.displacement_dofs] = 0.02 * np.column_stack([x[:, 0] * x[:, 2], x[:, 1] ** 2, x[:, 0] + x[:, 1]])
+    body.tangent(u)
+    (history,), cells = body._histories, body.groups[0].cells
+    assert history._pass.trial.max() > 0.0
+    kept, found = history.solved.unknowns, []
+    for take in (history.solved.condensed, history.solved.renew):
+        kept.inverse[:], kept.coupling[:] = 0.0, 0.0
+        take(cells)
+        found.append((kept.inverse.copy(), kept.coupling.copy()))
+    for whole, columns in zip(*found, strict=True):
+        assert abs(whole).max() > 0.0
+        assert np.allclose(columns, whole, rtol=0, atol=1e-12 * abs(whole).max())
+
+
 def _exact(body):
     """`NonlinearModel.step` that solves for the fields of one cell as implicit steps do."""
 

@@ -51,6 +51,12 @@ class CellFields:
         return parts[0] if len(parts) == 1 else basix.ufl.mixed_element(parts)
 
     @cached_property
+    def cell_element(self) -> Any:
+        """Of the fields of one cell: that of the one that there is, or a mixed one."""
+        parts = [self.element.sub_elements[i] for i in self.of_cell]
+        return parts[0] if len(parts) == 1 else basix.ufl.mixed_element(parts)
+
+    @cached_property
     def shared_components(self) -> IntArray:
         """(n,) components of the flattened unknown that cells share."""
         return self._joined(_components(self.element), shared=True)
@@ -76,11 +82,11 @@ class CellFields:
 
     def padded(self, shared: ufl.core.expr.Expr) -> ufl.core.expr.Expr:
         """The whole unknown whose shared part is an expression, and whose fields of one cell are zero."""
-        values = [ufl.as_ufl(0.0)] * (1 + int(_components(self.element)[-1][-1]))
-        parts = [shared[index] for index in np.ndindex(shared.ufl_shape)]
-        for place, value in zip(self.shared_components, parts, strict=True):
-            values[place] = value
-        return ufl.as_vector(values)
+        return self._with_zeros(shared, self.shared_components)
+
+    def in_cells(self, own: ufl.core.expr.Expr) -> ufl.core.expr.Expr:
+        """The whole unknown whose fields of one cell are an expression, and whose shared part is zero."""
+        return self._with_zeros(own, self._joined(_components(self.element), shared=False))
 
     def shared_rigid_motion(self, rigid_motion: RigidDisplacement) -> RigidDisplacement:
         """The shared part of a form's `rigid_motion`."""
@@ -106,6 +112,13 @@ class CellFields:
         return [
             (ufl.replace(ufl.algorithms.expand_derivatives(density), parts), rule) for density, rule in terms(*whole)
         ]
+
+    def _with_zeros(self, given: ufl.core.expr.Expr, components: IntArray) -> ufl.core.expr.Expr:
+        values = [ufl.as_ufl(0.0)] * (1 + int(_components(self.element)[-1][-1]))
+        parts = [given[index] for index in np.ndindex(given.ufl_shape)]
+        for place, value in zip(components, parts, strict=True):
+            values[place] = value
+        return ufl.as_vector(values)
 
     def _joined(self, parts: Sequence[IntArray], *, shared: bool) -> IntArray:
         return np.concatenate([part for i, part in enumerate(parts) if (i in self.of_cell) != shared])

@@ -24,36 +24,38 @@ CHUNK = 256
 class CellMatrices:
     """A sum of bilinear forms of one group of cells, cell by cell. Constructing one is collective, and compiles."""
 
-    def __init__(self, forms: Sequence[ufl.Form], space: fem.FunctionSpace) -> None:
+    def __init__(self, forms: Sequence[ufl.Form], space: fem.FunctionSpace, columns: Any = None) -> None:
         """Compile.
 
         Args:
-            forms: of one integral over cells each, both arguments on ``space``; those that vanish are left out.
-            space: n dofs a cell.
+            forms: of one integral over cells each; those that vanish are left out.
+            space: of test functions, n dofs a cell.
+            columns: element of trial functions, m dofs a cell; None: they are on ``space`` too.
         """
         self._mesh, dofmap = space.mesh, space.dofmap
-        self.size = int(dofmap.bs * dofmap.list.shape[1])
+        rows = int(dofmap.bs * dofmap.list.shape[1])
+        self._shape = rows, rows if columns is None else int(columns.dim)
         expanded = [ufl.algorithms.expand_derivatives(form) for form in forms]
         self._codes = [_BilinearCode(form, self._mesh) for form in expanded if not form.empty()]
 
     def of_cells(
         self, cells: Indices, values: Callable[[fem.Function, Indices], FloatArray] | None = None
     ) -> FloatArray:
-        """(k, n, n) of some cells, with the values that constants and functions have now; not collective.
+        """(k, n, m) of some cells, with the values that constants and functions have now; not collective.
 
         Args:
             cells: (k,) of this rank.
-            values: of a function on some cells (k, m), where it is not its own array.
+            values: of a function on some cells (k, dofs), where it is not its own array.
         """
-        found = np.zeros((len(cells), self.size, self.size))
+        found = np.zeros((len(cells), *self._shape))
         geometry = self._mesh.geometry.x, compat.cell_nodes(self._mesh)
         for code in self._codes:
             given = [np.zeros((len(cells), 0)), *((values or cell_values)(field, cells) for field in code.reads)]
             taken, constants = np.hstack(given), code.constants()
-            room = np.zeros((geometry[1].shape[1], 3)), np.zeros(taken.shape[1] + 1), np.zeros(self.size**2)
-            add_cell_tensors(
-                cells, geometry[1], geometry[0], code.address, constants, taken, found.reshape(len(cells), -1), *room
-            )
+            tensor = np.zeros(self._shape).reshape(-1)
+            room = np.zeros((geometry[1].shape[1], 3)), np.zeros(taken.shape[1] + 1), tensor
+            flat = found.reshape(len(cells), len(tensor))
+            add_cell_tensors(cells, geometry[1], geometry[0], code.address, constants, taken, flat, *room)
         return found
 
 
@@ -74,12 +76,13 @@ class _BilinearCode:
 
 def cell_values(field: fem.Function, cells: Indices) -> FloatArray:
     """(k, m) the dofs of a function on some cells, as compiled forms take them."""
-    return np.asarray(field.x.array[cell_dofs(field.function_space)[cells]])
+    return np.asarray(field.x.array[cell_dofs(field.function_space, cells)])
 
 
-def cell_dofs(space: fem.FunctionSpace) -> NDArray[np.int64]:
-    """(cells of this rank, m) local dofs of each cell."""
-    blocks, size = space.dofmap.list.astype(np.int64), space.dofmap.bs
+def cell_dofs(space: fem.FunctionSpace, cells: Indices | None = None) -> NDArray[np.int64]:
+    """(cells of this rank, m) local dofs of each cell, or of some of them."""
+    dofs = space.dofmap.list if cells is None else space.dofmap.list[cells]
+    blocks, size = dofs.astype(np.int64), space.dofmap.bs
     return (size * blocks[:, :, None] + np.arange(size)).reshape(len(blocks), -1)
 
 

@@ -59,7 +59,9 @@ class CondensedStiffness:
                 condensed = condense(whole, fields)
                 self.lift[cells] = condensed.lift
                 if condensed.singular.any() and error is None:
-                    error = singular_error(group, fields, whole[condensed.singular][0])
+                    error = singular_error(
+                        group, fields, whole[condensed.singular][0][np.ix_(fields.cell_places, fields.cell_places)]
+                    )
         parallel.raise_collectively(forms.mesh.comm, error)
 
     def stiffness(self, surfaces: Sequence[fem.Form] = (), *, factors: Sequence[float] | None = None) -> PETSc.Mat:
@@ -191,10 +193,9 @@ def singular_error(group: CellGroup, fields: CellFields, matrix: FloatArray) -> 
     Args:
         group: of the cell.
         fields: of it.
-        matrix: (n + m, n + m) of the cell.
+        matrix: (m, m) of these, in the cell.
     """
-    own = fields.cell_places
-    names = fields.names(undetermined(matrix[np.ix_(own, own)]))
+    names = fields.names(undetermined(matrix))
     return FormulationError(
         f"{group.form_name}: the {names} of the form are fields of one cell, and their own equations do not determine "
         "them: their part of a cell's stiffness is singular. Take away what depends on the rest (an enhanced strain "

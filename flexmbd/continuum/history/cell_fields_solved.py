@@ -5,7 +5,8 @@ the forces of a cell are functions of u alone, and their derivative is the conde
 
     r_u(u, a(u)),    K_uu - K_ua K_aa^-1 K_au.
 
-What solves for them (`cell_field_loop`) keeps K_aa^-1 and K_ua of a tangent that was taken before, each cell its own.
+What solves for them (`cell_field_loop`) keeps K_aa^-1 and K_ua of a tangent that was taken before, each cell its own:
+these columns alone, a half of the work, where the condensed tangent is not wanted.
 """
 
 from __future__ import annotations
@@ -20,9 +21,16 @@ from numpy.typing import NDArray
 from flexmbd.continuum.contract.cell_fields import CellFields
 from flexmbd.continuum.finite_elements.cell_group import CellGroup
 from flexmbd.continuum.finite_elements.cell_matrices import CellMatrices, cell_dofs, cell_values, chunks
-from flexmbd.continuum.finite_elements.condensation import CondensedCells, condense, fill_whole, undetermined
+from flexmbd.continuum.finite_elements.condensation import (
+    CondensedCells,
+    condense,
+    fill_whole,
+    inverted,
+    undetermined,
+)
 from flexmbd.continuum.finite_elements.condensed_stiffness import singular_error
 from flexmbd.continuum.history.point_loop import CellUnknowns
+from flexmbd.continuum.history.shared_parts import share_parts
 from flexmbd.errors import FormulationError
 
 FloatArray = NDArray[np.float64]
@@ -52,6 +60,8 @@ class CellFieldsSolved:
         cells, n, m = len(self._dofs), len(fields.shared_places), len(fields.cell_places)
         self.accepted: FloatArray = np.zeros((cells, m))
         self._accepted_u: FloatArray = np.zeros_like(u.x.array)
+        self._terms: list[ufl.Form] = []
+        self._columns: CellMatrices | None = None
         self._tangent: CellMatrices | None = None
         self.unknowns = CellUnknowns(
             shared=fields.shared_places.astype(np.int64),
@@ -70,9 +80,18 @@ class CellFieldsSolved:
             lacks=np.zeros((2, m)),
         )
 
-    def compile_tangent(self, terms: Sequence[ufl.Form]) -> None:
+    def compile_columns(self, terms: Sequence[ufl.Form]) -> None:
         """Take the internal forces' virtual work, linear in test functions on the whole space. Collective, compiles."""
-        self._tangent = CellMatrices([ufl.derivative(term, self._whole) for term in terms], self._whole.function_space)
+        space, element, self._terms = self._whole.function_space, self._fields.cell_element, [*terms]
+        own = ufl.TrialFunction(ufl.FunctionSpace(space.mesh.ufl_domain(), element))
+        columns = self._derivatives(self._fields.in_cells(own))
+        self._columns = CellMatrices(columns, space, element)
+
+    def compile_tangent(self) -> None:
+        """Make ready for `condensed`. Collective, compiles."""
+        if self._tangent is None:
+            space = self._whole.function_space
+            self._tangent = CellMatrices(self._derivatives(ufl.TrialFunction(space)), space)
 
     def unsolved(self) -> Indices:
         """The cells of the group whose fields the last pass did not solve for."""
@@ -80,32 +99,37 @@ class CellFieldsSolved:
 
     def condensed(self, cells: Indices) -> CondensedCells:
         """Tangents of some cells on trial, condensed and kept for the steps that come; not collective."""
-        assert self._tangent is not None  # noqa: S101  (compiled as the history is made)
+        assert self._tangent is not None  # noqa: S101  (see `compile_tangent`)
         found = condense(self._tangent.of_cells(cells, self._values), self._fields)
-        usable = cells[~found.singular]
-        for kept, new in (
-            (self.unknowns.inverse, found.inverse.transpose(0, 2, 1)),
-            (self.unknowns.coupling, found.coupling.transpose(0, 2, 1)),
-        ):
-            kept[usable] = new[~found.singular]
-        self.unknowns.known[usable] = 1
+        self._keep(cells, found.inverse, found.coupling, found.singular)
         return found
+
+    def _keep(
+        self, cells: Indices, inverse: FloatArray, coupling: FloatArray, singular: NDArray[np.bool_]
+    ) -> None:
+        """Keep those parts of tangents that are not singular."""
+        usable = cells[~singular]
+        self.unknowns.inverse[usable] = inverse.transpose(0, 2, 1)[~singular]
+        self.unknowns.coupling[usable] = coupling.transpose(0, 2, 1)[~singular]
+        self.unknowns.known[usable] = 1
 
     def renew(self, cells: Indices) -> NDArray[np.bool_]:
         """Keep the tangents of some cells on trial; which of them have a singular part of the fields."""
-        parts = [self.condensed(some).singular for some in chunks(cells)]
-        return np.concatenate([np.zeros(0, dtype=bool), *parts])
+        parts: list[NDArray[np.bool_]] = [np.zeros(0, dtype=bool)]
+        for some in chunks(cells):
+            columns = self._of_cells(some)
+            inverse, singular = inverted(columns[:, self._fields.cell_places])
+            self._keep(some, inverse, columns[:, self._fields.shared_places], singular)
+            parts.append(singular)
+        return np.concatenate(parts)
 
     def singular_error(self, cell: int) -> FormulationError:
         """What is wrong with a form whose equations do not determine its fields of one cell at rest."""
-        assert self._tangent is not None  # noqa: S101
-        return singular_error(self._group, self._fields, self._tangent.of_cells(np.array([cell]), self._values)[0])
+        return singular_error(self._group, self._fields, self._own(cell))
 
     def open_names(self, cell: int) -> str:
         """What a message calls the fields of a cell that the equations on trial leave open."""
-        assert self._tangent is not None  # noqa: S101
-        own, matrix = self._fields.cell_places, self._tangent.of_cells(np.array([cell]), self._values)[0]
-        return self._fields.names(undetermined(matrix[np.ix_(own, own)]))
+        return self._fields.names(undetermined(self._own(cell)))
 
     def end_pass(self) -> None:
         """Note for which shared unknown they are solved."""
@@ -139,6 +163,23 @@ class CellFieldsSolved:
         self._accepted_u[:] = self._u.x.array
         self.unknowns.known[:] = 0
         self.revert()
+
+    def _derivatives(self, direction: ufl.core.expr.Expr) -> list[ufl.Form]:
+        """Of the terms by the whole unknown; equal parts of each as one."""
+        forms = [ufl.derivative(term, self._whole, direction) for term in self._terms]
+        return [
+            ufl.Form([one.reconstruct(share_parts([one.integrand()])[0]) for one in form.integrals()])
+            for form in map(ufl.algorithms.expand_derivatives, forms)
+        ]
+
+    def _of_cells(self, cells: Indices) -> FloatArray:
+        """(k, n + m, m) the columns of the fields in the tangents of some cells."""
+        assert self._columns is not None  # noqa: S101  (compiled as the history is made)
+        return self._columns.of_cells(cells, self._values)
+
+    def _own(self, cell: int) -> FloatArray:
+        """(m, m) the fields' part of the tangent of a cell."""
+        return self._of_cells(np.array([cell], dtype=np.int32))[0][self._fields.cell_places]
 
     def _values(self, field: fem.Function, cells: Indices) -> FloatArray:
         """The values of a function that the forms read, on some cells."""

@@ -73,6 +73,9 @@ class MeanTangent:
         v = ufl.TestFunction(self._space)
         terms = [term for history in histories if history.solved is None for term in history.terms]
         self._forms = [*assembly.derivatives(terms, u), *further]
+        for history in histories:
+            if history.solved is not None:
+                history.solved.compile_tangent()
         self._condensed = [(one.solved, one.group.cells) for one in histories if one.solved is not None]
         self._blocks = (
             assembly.shared_pattern(self._space) if self._condensed

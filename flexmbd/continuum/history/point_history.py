@@ -126,7 +126,7 @@ class History:
         self.work = work(v, self._z)
         self.terms = [assembly.integral(term, group, self._mesh) for term in self._shared(work(v, following))]
         if self.solved is not None:
-            self.solved.compile_tangent(self.terms)
+            self.solved.compile_columns(self.terms)
         self._energy_terms = self._terms_of_energy(u, p)
         self._increment_size: ufl.core.expr.Expr | None = None
         self._compiled: dict[ufl.core.expr.Expr, fem.Expression] = {}
