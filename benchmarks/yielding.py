@@ -237,8 +237,8 @@ def taylor(quick: bool, rounds: int) -> list[Row]:
 
 def tube(quick: bool, rounds: int) -> list[Row]:
     # walls of one brick fold into themselves; of solid-shells one goes through the wall
-    bricks = [(3, 2, 16)] if quick else [(3, 2, 24), (4, 2, 32), (5, 2, 40), (8, 3, 64)]
-    shells = [(3, 1, 16)] if quick else [(5, 1, 24), (5, 1, 30)]
+    bricks = [(3, 2, 16)] if quick else [(3, 2, 24), (5, 2, 40), (8, 3, 64), (10, 3, 80)]
+    shells = [(3, 1, 16)] if quick else [(5, 1, 24), (5, 1, 30), (8, 1, 40)]
     rows = []
     for series, divisions in [("solid-shells", d) for d in shells] + [("bricks", d) for d in bricks]:
         level = " x ".join(map(str, divisions))
@@ -247,8 +247,10 @@ def tube(quick: bool, rounds: int) -> list[Row]:
         except FlexmbdError as error:
             print(f"tube by {series}, {level}: {error}\n", flush=True)
             continue
+        crushes = [f"{1e3 * crush:.0f} mm" for crush in motion.CRUSHES]
+        up_to = ", ".join(f"{found[f'force {crush}'] / 1e3:.1f} up to {crush}" for crush in crushes)
         told = (
-            f"{found['steps']:.0f} steps, {1e3 * found['crush']:.2f} mm, {found['force'] / 1e3:.2f} kN, "
+            f"{found['steps']:.0f} steps, {1e3 * found['crush']:.2f} mm, {found['force'] / 1e3:.2f} kN ({up_to}), "
             f"{found['plastic']:.0f} J of flow, {found['elastic']:.0f} J elastic, "
             f"{1e3 * found['sideways']:.1f} mm sideways at {1e3 * found['fold']:.1f} mm"
         )

@@ -26,8 +26,10 @@ from flexmbd.forms.j2_plasticity import LinearHardening
 
 # m: of an axisymmetric program that is converged, docs/explicit.md
 TAYLOR_LENGTH = 21.471e-3
-# s; the tube's is in the first fold, of which coarse meshes turn a cell inside out before its end
-PENDULUM_END, TUBE_END = 0.034, 1.5e-3
+# s; at the tube's its first fold's walls are about to meet, which nothing sees
+PENDULUM_END, TUBE_END = 0.034, 1.05e-3
+# m, crushes at which the tube's mean force is told
+CRUSHES = (5e-3, 10e-3, 20e-3, 30e-3, 35e-3)
 # points through the thickness of a tube of solid-shells
 TUBE_LAYERS = 4
 
@@ -100,8 +102,9 @@ def tube(divisions: tuple[int, int, int], *, shells: bool = False, end: float = 
     """The tube of demos/frontal_impact.py, as it is crushed, by bricks or by one layer of solid-shells.
 
     Returns:
-        Of the whole tube the mean force, N, and the elastic and plastic energy, J; the crush, m; how far the walls have
-        moved sideways, and where along the undeformed tube most, m.
+        Of the whole tube the mean force, N, up to the end and to each of `CRUSHES` (0 beyond the end), and the elastic
+        and plastic energy, J; the crush, m; how far the walls have moved sideways, and where along the undeformed tube
+        most, m.
     """
     vehicle, speed = 10.0, 35.0
     steel = updated_lagrangian.Parameters(
@@ -129,13 +132,16 @@ def tube(divisions: tuple[int, int, int], *, shells: bool = False, end: float = 
     seconds = time.process_time() - begin
     parts = run.energies(body)
     kinetic = parts["kinetic"] + run.energy().kinetic
-    way = run.position(frame)[0, 2] - run.position(frame)[-1, 2]
+    ways = run.position(frame)[0, 2] - run.position(frame)[:, 2]
+    way, lost = ways[-1], kinetic[0] - kinetic
+    up_to = {f"force {1e3 * c:.0f} mm": float(4.0 * np.interp(c, ways, lost, right=0.0) / c) for c in CRUSHES}
     sideways = np.linalg.norm((interior.motion.x - whole)[:, :2], axis=1)
     return {
         "seconds": seconds,
         "cells": float(len(solid.groups[0].cells)),
         "steps": float(run.stats.steps),
-        "force": float(4.0 * (kinetic[0] - kinetic[-1]) / way),
+        "force": float(4.0 * lost[-1] / way),
+        **up_to,
         "elastic": float(4.0 * parts["elastic"][-1]),
         "plastic": float(4.0 * parts["plastic"][-1]),
         "crush": float(way),

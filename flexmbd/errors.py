@@ -185,7 +185,8 @@ class PulseWarning(UserWarning):
 class LockingWarning(UserWarning):
     """Cells of displacements alone may be too stiff: linear ones that bend, or a material that hardly changes volume.
 
-    Remedy: ``degree=2``, more cells through the thickness, or a form for nearly incompressible solids.
+    Told where a body is reduced, and of one with history before it moves. Remedy: ``degree=2``, more cells through the
+    thickness, a form whose cells bend (``solid_enhanced``, walls), or one for nearly incompressible solids.
     """
 
 

@@ -33,6 +33,7 @@ from ufl.core.expr import Expr
 
 from flexmbd.forms._shared import IsotropicElastic, Terms, shear_modulus, small_strain_stress
 from flexmbd.forms._shared import Quadrature as Quadrature
+from flexmbd.forms._shared import thermal_stretch as thermal_stretch
 
 CELLS = ("hexahedron",)
 

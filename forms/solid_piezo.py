@@ -15,7 +15,9 @@ the stationary value: least in u, largest in phi. The material is symmetric abou
     S_13 = 2 c44 E_13 - e15 E_1,   S_12 = (c11 - c12) E_12.
 
 Metal and glue are the same solid without e: `elastic` makes such parameters. Electrodes are conditions of the model
-(`flexmbd.continuum.Electrode`). Assumes small strain and weak fields; large rotations are exact.
+(`flexmbd.continuum.Electrode`). A rise of temperature strains by alpha11 across the axis and alpha33 along it, and so
+brings charge where expansion is held; the primary pyroelectric effect, D at constant strain, is left out. Assumes small
+strain and weak fields; large rotations are exact.
 
 Reference: IEEE Standard on Piezoelectricity 176-1987, section 2; Allik & Hughes 1970,
 doi:10.1002/nme.1620020202 (the element).
@@ -23,12 +25,13 @@ doi:10.1002/nme.1620020202 (the element).
 
 from __future__ import annotations
 
+import dataclasses
 from dataclasses import dataclass
 
 import basix.ufl
 import ufl
 
-from flexmbd.forms._shared import Expr, Terms, check_poisson, check_positive, is_tetrahedron, take_numbers
+from flexmbd.forms._shared import Expr, Terms, check_finite, check_poisson, check_positive, is_tetrahedron, take_numbers
 from flexmbd.forms._shared import Quadrature as Quadrature
 
 CELLS = ("tetrahedron", "hexahedron")
@@ -51,6 +54,7 @@ class Parameters:
         rho: density in the initial configuration, kg/m^3, positive.
         axis: the poled axis in the mesh's axes; any length, kept as a unit vector.
         potential_scale: V per unit of the unknown psi, positive; the same in all cells of a body.
+        alpha11, alpha33: coefficients of thermal expansion across and along the axis, 1/K, finite; by keyword.
 
     Raises:
         ValueError: a value is out of its range, or the stiffness is not positive definite.
@@ -69,13 +73,13 @@ class Parameters:
     rho: float
     axis: tuple[float, float, float] = (0.0, 0.0, 1.0)
     potential_scale: float = 1e9
+    alpha11: float = dataclasses.field(default=0.0, kw_only=True)
+    alpha33: float = dataclasses.field(default=0.0, kw_only=True)
 
     def __post_init__(self) -> None:
         take_numbers(self)
         check_positive(self, ("c11", "c33", "c44", "kappa11", "kappa33", "rho", "potential_scale"))
-        for name in ("c12", "c13", "e31", "e33", "e15"):
-            if not abs(getattr(self, name)) < float("inf"):
-                raise ValueError(f"{name} must be finite, got {getattr(self, name)}")
+        check_finite(self, ("c12", "c13", "e31", "e33", "e15", "alpha11", "alpha33"))
         if not (abs(self.c12) < self.c11 and 2 * self.c13**2 < (self.c11 + self.c12) * self.c33):
             raise ValueError(
                 "the stiffness must be positive definite, which needs |c12| < c11 and 2 c13^2 < (c11 + c12) c33"
@@ -84,7 +88,13 @@ class Parameters:
 
 
 def elastic(
-    *, E: float, nu: float, rho: float, kappa: float = 8.8541878128e-12, potential_scale: float = 1e9  # noqa: N803
+    *,
+    E: float,  # noqa: N803
+    nu: float,
+    rho: float,
+    kappa: float = 8.8541878128e-12,
+    potential_scale: float = 1e9,
+    alpha: float = 0.0,
 ) -> Parameters:
     """An isotropic solid without piezoelectricity beside piezoelectric ones in a body.
 
@@ -94,6 +104,7 @@ def elastic(
         rho: density, kg/m^3.
         kappa: permittivity, F/m, by default that of empty space. A metal is an `Electrode` on its cells.
         potential_scale: that of the other cells.
+        alpha: coefficient of thermal expansion, 1/K, finite.
 
     Raises:
         ValueError: a value is out of its range.
@@ -102,7 +113,7 @@ def elastic(
     mu, lam = E / (2 * (1 + nu)), E * nu / ((1 + nu) * (1 - 2 * nu))
     return Parameters(
         c11=lam + 2 * mu, c12=lam, c13=lam, c33=lam + 2 * mu, c44=mu, e31=0.0, e33=0.0, e15=0.0, kappa11=kappa,
-        kappa33=kappa, rho=rho, potential_scale=potential_scale,
+        kappa33=kappa, rho=rho, potential_scale=potential_scale, alpha11=alpha, alpha33=alpha,
     )  # fmt: skip
 
 
@@ -166,6 +177,13 @@ def rigid_motion(x: Expr, translation: Expr, rotation: Expr) -> Expr:
 def gauge(p: Parameters) -> dict[str, tuple[float, ...]]:
     """A potential of 1 V everywhere, which costs no energy."""
     return {"potential": (0.0, 0.0, 0.0, 1.0 / p.potential_scale)}
+
+
+def thermal_stretch(p: Parameters, dT: Expr) -> Expr:
+    """Stretch (3, 3), in the mesh's axes, of the material free to expand, by a rise of temperature dT, K."""
+    a = ufl.as_vector([p.axis[i] for i in range(3)])
+    along = ufl.outer(a, a)
+    return ufl.Identity(3) + dT * (p.alpha11 * (ufl.Identity(3) - along) + p.alpha33 * along)
 
 
 def stress(u: Expr, state: None, p: Parameters) -> Expr:

@@ -22,6 +22,7 @@ import ufl
 from flexmbd.forms import _thin_wall, solid_linear
 from flexmbd.forms._shared import Expr, IsotropicElastic, Terms
 from flexmbd.forms._shared import Quadrature as Quadrature
+from flexmbd.forms._shared import thermal_stretch as thermal_stretch
 from flexmbd.forms._thin_wall import element as element
 from flexmbd.forms._thin_wall import rigid_motion as rigid_motion
 from flexmbd.forms._wall_law import at_gradient

@@ -15,15 +15,16 @@ References: those of `solid_shell` and `hencky_plasticity`.
 
 from __future__ import annotations
 
+from dataclasses import dataclass, field
+
 from flexmbd.forms import hencky_plasticity
-from flexmbd.forms._shared import Expr, Terms
+from flexmbd.forms._shared import Expr, Terms, check_finite
 from flexmbd.forms._shared import Quadrature as Quadrature
+from flexmbd.forms._shared import thermal_stretch as thermal_stretch
 from flexmbd.forms._thin_wall import element as element
 from flexmbd.forms._thin_wall import rigid_motion as rigid_motion
 from flexmbd.forms._wall_law import WallLaw
-from flexmbd.forms.hencky_plasticity import Parameters as Parameters
 from flexmbd.forms.hencky_plasticity import local_unknowns as local_unknowns
-from flexmbd.forms.hencky_plasticity import reference as reference
 from flexmbd.forms.hencky_plasticity import scaled_yield as scaled_yield
 
 CELLS = ("hexahedron",)
@@ -37,7 +38,37 @@ REFERENCE = "INITIAL"
 # Third edges of cells lie across layers.
 LAYERED = True
 
+
+@dataclass(frozen=True)
+class Parameters(hencky_plasticity.Parameters):
+    """The material of `hencky_plasticity`, which expands.
+
+    Attributes:
+        alpha: coefficient of thermal expansion, 1/K, finite; by keyword.
+
+    Raises:
+        ValueError: as there, or alpha is not finite.
+    """
+
+    alpha: float = field(default=0.0, kw_only=True)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        check_finite(self, ("alpha",))
+
+
+@dataclass(frozen=True)
+class Reference(hencky_plasticity.Reference):
+    """The elastic problem of `hencky_plasticity`."""
+
+
 _WALL = WallLaw(hencky_plasticity, layers=5, modulus=lambda p: p.E)
+
+
+def reference() -> Reference:
+    """The steel of `hencky_plasticity`, below first yield."""
+    given = hencky_plasticity.reference().parameters
+    return Reference(Parameters(given.E, given.nu, given.rho, given.yield_stress, given.hardening))
 
 
 def state(p: Parameters) -> Expr:

@@ -100,9 +100,7 @@ class Road:
             self.mesh, self.form, self.form.reference().parameters,  # type: ignore[arg-type]
             degree=self.degree, interfaces=self.interfaces, surfaces=self.surfaces,
         )  # fmt: skip
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", fm.LockingWarning)  # two cells are no body whose frequencies are wanted
-            return craig_bampton(model, modes=3, frame=self.ends[0])
+        return craig_bampton(model, modes=3, frame=self.ends[0])
 
 
 def reduction(road: Road) -> Outcome:
@@ -291,4 +289,6 @@ def _attempted(check: Check, road: Road, before: Sequence[CheckResult]) -> Outco
     """Not where the part was not reduced or loaded: there is nothing to move."""
     if before and isinstance(before[0].outcomes[road.cell, road.degree], Remark):
         return Remark(Verdict.SKIP, f"not run: see '{before[0].name}'")
-    return attempt(check, road)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", fm.LockingWarning)  # two cells are no body whose frequencies are wanted
+        return attempt(check, road)

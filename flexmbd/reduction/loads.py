@@ -58,10 +58,11 @@ def check_temperatures(model: LinearModel, loads: Sequence[Load], *, keeps_stres
     for load in loads:
         if not isinstance(load, TemperatureRise):
             continue
-        if model.conditions is not None:
+        if model.conditions is not None and model.conditions.ports:
+            there = ", ".join(repr(port.name) for port in model.conditions.ports)
             raise ReductionError(
-                f"load {load.name!r}: the record has no charge that a temperature brings onto electrodes; leave the "
-                "temperature out, or the conditions on the potential"
+                f"load {load.name!r}: the record has no charge that a temperature brings onto the electrodes {there}; "
+                "leave the temperature out, ground them or let them float, or take a NonlinearModel"
             )
         if model.state is not None:
             raise ReductionError(

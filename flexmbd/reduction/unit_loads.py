@@ -18,14 +18,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from flexmbd.continuum import compat, parallel
 from flexmbd.continuum.finite_elements.discretisation import Discretisation
+from flexmbd.continuum.finite_elements.held_expansion import held_expansion
 from flexmbd.continuum.finite_elements.linear_model import LinearModel
 from flexmbd.continuum.finite_elements.temperature import (
     checked_rise,
-    refuse_condensed,
     refuse_nonlinear_expansion,
     refuse_without_expansion,
     rise_function,
-    thermal_work,
 )
 from flexmbd.errors import FormulationError, MeshError, ReductionError
 from flexmbd.given import checked
@@ -193,13 +192,12 @@ def load_vectors(model: Discretisation, loads: Sequence[Load]) -> FloatArray:
                     f"load {load.name!r}: the temperature of a body with history is no force; give it among the loads "
                     "of follow, ImplicitContinuum or ExplicitContinuum, as Heating(...)"
                 )
-            works = [-term for term in thermal_work(model.groups, model.space, rise_of(model, load))]
-        else:
-            works = [ufl.inner(unit_force(model, load), displacement(v)) * measure(model, load)]
-        for form in works:  # each with a rule of its own
-            vector = fem.assemble_vector(fem.form(form))
-            vector.scatter_reverse(la.InsertMode.add)
-            forces[:, i] += vector.array[: model.layout.n_owned]
+            forces[:, i] = -held_expansion(model).forces(rise_of(model, load))
+            continue
+        work = ufl.inner(unit_force(model, load), displacement(v)) * measure(model, load)
+        vector = fem.assemble_vector(fem.form(work))
+        vector.scatter_reverse(la.InsertMode.add)
+        forces[:, i] = vector.array[: model.layout.n_owned]
     return forces if model.ties is None else model.ties.condense_dofs(forces)
 
 
@@ -230,7 +228,6 @@ def _check_expansion(model: LinearModel, load: TemperatureRise) -> None:
     """Refuse a temperature that strains nothing, or whose load would not be one of unit size. Not collective."""
     try:
         refuse_without_expansion(model.groups)
-        refuse_condensed(model.groups)
         refuse_nonlinear_expansion(model.groups)
     except FormulationError as error:
         raise ReductionError(f"load {load.name!r}: {error}") from error

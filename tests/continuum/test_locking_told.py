@@ -7,14 +7,16 @@ import pytest
 
 import flexmbd as fm
 from flexmbd import forms, meshes
-from flexmbd.continuum import ContinuumModel, Interface
+from flexmbd.continuum import ContinuumModel, Interface, Roller, SymmetryPlane
 from flexmbd.reduction import craig_bampton, guyan
 
 
-def told_of(mesh, nu, *, degree=1, reduce=guyan, **options):
+def told_of(mesh, nu, *, degree=1, reduce=guyan, supports=(), **options):
     """What is told, and the record."""
     material = forms.solid_linear.Parameters(E=2.1e11, nu=nu, rho=7850.0)
-    model = ContinuumModel(mesh, forms.solid_linear, material, degree=degree, interfaces=[Interface("x_min")])
+    model = ContinuumModel(
+        mesh, forms.solid_linear, material, degree=degree, interfaces=[Interface("x_min")], supports=supports
+    )
     with warnings.catch_warnings(record=True) as told:
         warnings.simplefilter("always")
         body = reduce(model, frame="x_min", **options)
@@ -46,6 +48,14 @@ def test_four_cells_through_each_thickness_are_not_told(cell, size):
     assert "3 cells lie" in told_of(block(3), 0.3)[0][0]
     assert "2 cells lie" in told_of(block(2), 0.3)[0][0]
     assert "one cell lies" in told_of(block(1), 0.3)[0][0]
+
+
+def test_a_plane_of_symmetry_is_no_surface():
+    """Two cells of a half are four of the whole."""
+    half = meshes.block(1.0, 0.4, 0.1, divisions=(10, 6, 2))
+    assert "2 cells lie" in told_of(half, 0.3)[0][0]
+    for supports, count in (([SymmetryPlane("z_min", (0, 0, 1))], 0), ([Roller("z_min", (0, 1, 0))], 1)):
+        assert len(told_of(half, 0.3, supports=supports)[0]) == count
 
 
 def test_quadratic_cells_are_not_told():

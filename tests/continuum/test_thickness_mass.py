@@ -58,6 +58,16 @@ def test_the_step_grows_to_that_of_the_wall_and_bending_stays(scale):
     assert losses[0] / losses[1] == pytest.approx(4.0, rel=0.05)
 
 
+def test_the_step_follows_what_is_crushed_along_the_wall():
+    """The edges through it, the shortest, stay as long. Of one modulus, and denser: by the root of the length."""
+    run = ExplicitRun(strip(), scaled_thickness=1.0)
+    motion, rest = run.motion, run.stable_step
+    for share in np.linspace(1.0, 0.6, 9)[1:]:
+        motion.mesh.pull(motion.mesh.X * [share, 1.0, 1.0], dt=0.0)
+        motion.renew_limit()
+    assert run.stable_step == pytest.approx(np.sqrt(0.6) * rest, rel=0.03)
+
+
 def test_a_tumbling_plate_keeps_its_momenta_and_energy():
     body = strip((8, 2), thickness=4e-3)
 

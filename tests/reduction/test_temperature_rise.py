@@ -10,10 +10,26 @@ import pytest
 
 import flexmbd as fm
 from flexmbd import forms, meshes
-from flexmbd.continuum import ContinuumModel, Interface, SymmetryPlane
+from flexmbd.continuum import (
+    ContinuumModel,
+    Heating,
+    Interface,
+    NonlinearModel,
+    SymmetryPlane,
+    clamped_dofs,
+    follow,
+)
+from flexmbd.continuum.finite_elements.held_expansion import held_expansion
 from flexmbd.coupling import Coupling
 from flexmbd.errors import ConvergenceError, FlexmbdError
-from flexmbd.forms import plate_mitc, solid_linear, solid_micropolar, solid_mixed, solid_orthotropic
+from flexmbd.forms import (
+    plate_mitc,
+    solid_enhanced,
+    solid_linear,
+    solid_micropolar,
+    solid_mixed,
+    solid_orthotropic,
+)
 from flexmbd.reduction import (
     Keep,
     ModalDerivatives,
@@ -25,6 +41,7 @@ from flexmbd.reduction import (
     load_vectors,
     prestressed,
 )
+from flexmbd.reduction.unit_loads import rise_of
 
 COMM = MPI.COMM_WORLD
 ALPHA, E = 1.2e-5, 2e11
@@ -72,8 +89,13 @@ def test_a_load_of_a_temperature_expands_the_body_and_no_more():
     for form, parameters, cell, degree, strain in cases:
         mesh = meshes.block(0.3, 0.02, 0.01, divisions=(4, 1, 1), cell=cell)
         model = ContinuumModel(mesh, form, parameters, degree=degree)
-        force = load_vectors(model, [TemperatureRise("heat", 80.0)])[:, 0]
+        load = TemperatureRise("heat", 80.0)
+        force = load_vectors(model, [load])[:, 0]
         free, held = model.K.createVecs()
+        # pressures of the free body are zero: what the displacement brings is minus what the temperature does
+        pressed = held_expansion(model).fields(rise_of(model, load))
+        if pressed is not None:
+            free.array[:] = -pressed[: model.n_owned]
         free.array[model.displacement_dofs[: model.n_owned_nodes]] = (
             80.0 * model.node_x[: model.n_owned_nodes] @ strain
         )
@@ -225,6 +247,44 @@ def test_fields_of_one_cell_are_prestressed_by_a_temperature():
     assert found[0] == pytest.approx(found[1], abs=1e-9 * abs(found[0]).max())
 
 
+@pytest.mark.mpi
+@pytest.mark.parametrize(
+    ("form", "degree"), [(solid_mixed, 1), (solid_enhanced, 1), (solid_mixed, 2)]
+)
+def test_fields_beside_the_displacement_have_the_temperature(form, degree):
+    """Condensed in their cells, as unknowns of the body, and by slow loading: unevenly heated between two clamps."""
+    mesh = meshes.block(0.3, 0.02, 0.01, divisions=(6, 2, 1))
+    material = form.Parameters(E=E, nu=0.3, rho=7800.0, alpha=ALPHA)
+    ends = [Interface("x_min"), Interface("x_max")]
+
+    def warm(x):
+        return 0.01 * (20.0 + 300.0 * x[:, 0] + 4000.0 * x[:, 2])
+
+    body = NonlinearModel(mesh, form, material, degree=degree, interfaces=ends, heated=True)
+    loads = [Heating(warm, lambda t: t)]
+    follow(body, [1.0], prescribed=clamped_dofs(body, ["x_min", "x_max"]), loads=loads)
+    sag = np.max(COMM.allgather(abs(body.displacement[body.displacement_dofs]).max(axis=0)), axis=0)
+    found = []
+    for condense in (True, False)[: 3 - degree]:
+        model = ContinuumModel(mesh, form, material, degree=degree, interfaces=ends, condense=condense)
+        assert (model.condensed is not None) == (condense and degree == 1)
+        load = TemperatureRise("heat", warm)
+        record = craig_bampton(model, modes=2, frame="x_min", loads=[load], keep=Keep(modes=True))
+        # the least energy of the modes that leave both frames where they are
+        soft = record.stiffness**-0.5
+        kernel = np.linalg.svd(record.interface("x_max").modes * soft)[2][6:].T
+        q = soft * (kernel @ (kernel.T @ (soft * record.loads.modal[0])))
+        field, still = (model.stress_field(record, part * q, heat={"heat": 1.0}) for part in (1.0, 0.0))
+        assert abs(field.displacement).max(axis=0) == pytest.approx(sag, rel=2e-3)
+        place = record.geometric.loads.index("load heat")
+        found.append((field.stress, still.stress, record.geometric.K[place]))
+    if degree == 2:  # the pressure is of the same functions as this temperature
+        held = -E * ALPHA / (1.0 - 2.0 * 0.3) * warm(still.x @ record.R_MB.T + record.p_MB_M)
+        assert still.stress[:, 0, 0] == pytest.approx(held, abs=1e-6 * abs(held).max())
+    for condensed, coupled in zip(found[0], found[-1], strict=True):
+        assert condensed == pytest.approx(coupled, abs=1e-8 * abs(coupled).max())
+
+
 def test_no_rise_of_temperature_lacks_no_energy():
     record = craig_bampton(column(n=4), modes=1, frame="x_min", loads=[TemperatureRise("heat", 0.0)])
     assert record.provenance["load heat"].endswith("static energy missing 0.0e+00")
@@ -245,9 +305,10 @@ def test_temperatures_that_would_be_left_out_are_refused():
         craig_bampton(cold, **reduce)
     mesh = meshes.block(0.3, 0.02, 0.01, divisions=(4, 1, 1))
     pressures = solid_mixed.Parameters(E=E, nu=0.3, rho=7800.0, alpha=ALPHA)
-    condensed = ContinuumModel(mesh, solid_mixed, pressures, degree=1, interfaces=[Interface("x_min")])
-    with pytest.raises(FlexmbdError, match=r"'heat': the unknown 3 of .*solid_mixed.* condense=False"):
-        craig_bampton(condensed, **reduce)
+    rigid = dataclasses.replace(pressures, nu=0.5)
+    incompressible = ContinuumModel(mesh, solid_mixed, rigid, degree=2, interfaces=[Interface("x_min")])
+    with pytest.raises(FlexmbdError, match=r"solid_mixed: what keeps its volume .* no finite pressure.* below 1/2"):
+        craig_bampton(incompressible, **reduce)
     mesh = meshes.line(1.0, divisions=4, comm=COMM)
     section = forms.beam_timoshenko.Parameters.rectangle(E, 0.3, 7800.0, width=0.1, height=0.1, orientation=(0, 1, 0))
     beam = ContinuumModel(mesh, forms.beam_timoshenko, section, degree=2, interfaces=[Interface("start")])

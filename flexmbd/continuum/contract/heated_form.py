@@ -21,6 +21,7 @@ from ufl.corealg.map_dag import map_expr_dag
 
 from flexmbd.continuum.contract.entries import optional_entries
 from flexmbd.continuum.contract.formulation import Formulation
+from flexmbd.continuum.contract.shared_nodes import share_nodes
 from flexmbd.continuum.contract.substituted_field import SubstitutedField
 from flexmbd.continuum.contract.ufl_values import NoValueError, evaluate
 from flexmbd.errors import FormulationError
@@ -135,7 +136,7 @@ class _ElasticPart:
 
     def _substituted(self, expression: Expr, u: Any, p: Any) -> Expr:
         elastic = SubstitutedField(u, u, self._gradient(u, p))
-        return map_expr_dag(elastic, ufl.algorithms.expand_derivatives(expression))
+        return map_expr_dag(elastic, ufl.algorithms.expand_derivatives(share_nodes(expression)))
 
     def _gradient(self, u: Any, p: Any) -> Expr:
         """The elastic part of grad(u), of the displacement's three rows and those of further unknowns."""

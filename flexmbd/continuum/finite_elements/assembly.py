@@ -7,7 +7,6 @@ a form of several rules wrongly.  The matrices follow by `ufl.derivative`.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import replace
 from typing import Any
 
 from mpi4py import MPI
@@ -171,12 +170,13 @@ def empty_matrix(
     """A matrix whose pattern has the entries of all cells. Collective."""
     if len(groups) == 1 and forms:
         return fem.create_matrix(forms[0])
-    # the first group's first term on every cell, for its pattern alone
-    topology = space.mesh.topology
-    every = np.arange(topology.index_map(topology.dim).size_local, dtype=np.int32)
-    u = fem.Function(space)
-    work = internal_work([replace(groups[0], cells=every)], u, ufl.TestFunction(space))
-    return fem.create_matrix(fem.form(_derivative(work[0], u)))
+    return shared_pattern(space)
+
+
+def shared_pattern(space: fem.FunctionSpace) -> la.MatrixCSR:
+    """A matrix whose pattern has all entries of all cells. Collective, may compile."""
+    u, v = ufl.TrialFunction(space), ufl.TestFunction(space)
+    return fem.create_matrix(fem.form(ufl.inner(u, v) * ufl.dx))
 
 
 def _check_finite(

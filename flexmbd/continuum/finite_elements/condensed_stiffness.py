@@ -22,7 +22,7 @@ from flexmbd.continuum.contract.cell_fields import CellFields
 from flexmbd.continuum.finite_elements import assembly
 from flexmbd.continuum.finite_elements.cell_group import CellGroup
 from flexmbd.continuum.finite_elements.cell_matrices import CellMatrices, add_to, cell_dofs, chunks
-from flexmbd.continuum.finite_elements.condensation import condense, fill_whole, undetermined
+from flexmbd.continuum.finite_elements.condensation import condense, fill_whole, inverted, undetermined
 from flexmbd.continuum.finite_elements.discrete_forms import DiscreteForms
 from flexmbd.errors import FormulationError
 
@@ -128,6 +128,23 @@ class CondensedStiffness:
         owned = self._forms.layout.n_owned
         return np.asarray(found[:owned] + through.array[:owned])
 
+    def answer(self, forces: FloatArray) -> FloatArray:
+        """The fields of one cell by forces on them, where nothing shared moves: K_aa^-1 f_a; not collective.
+
+        Args:
+            forces: as of `shared_forces`.
+
+        Returns:
+            (local dofs of `whole` including ghosts,); what lies on ghost cells alone is zero.
+        """
+        found, own = np.zeros_like(forces), self.fields.cell_places
+        for group, matrices in zip(self._cells, self._stiffness, strict=True):
+            for cells in chunks(group):
+                dofs = self.whole.dofmap.list[cells][:, own]
+                inverse, _ = inverted(matrices.of_cells(cells)[:, own[:, None], own])
+                found[dofs] = np.einsum("cij,cj->ci", inverse, forces[dofs])
+        return found
+
     def _derivatives(self) -> list[ufl.Form]:
         u, v = fem.Function(self.whole), ufl.TestFunction(self.whole)
         zero = {u: ufl.zero(u.ufl_shape)}
@@ -149,7 +166,7 @@ class CondensedStiffness:
         name: str,
     ) -> PETSc.Mat:
         forms, fields = self._forms, self.fields
-        blocks = shared_pattern(forms.space)
+        blocks = assembly.shared_pattern(forms.space)
         own, shared = fields.cell_places, fields.shared_places
         for cells, of_cells, factor in parts:
             for some in chunks(cells):
@@ -166,12 +183,6 @@ class CondensedStiffness:
 def split_integrals(forms: Sequence[ufl.Form]) -> list[ufl.Form]:
     """The same forms of one integral each."""
     return [ufl.Form([integral]) for form in forms for integral in form.integrals()]
-
-
-def shared_pattern(space: fem.FunctionSpace) -> la.MatrixCSR:
-    """A matrix whose pattern has all entries of all cells. Collective, may compile."""
-    u, v = ufl.TrialFunction(space), ufl.TestFunction(space)
-    return fem.create_matrix(fem.form(ufl.inner(u, v) * ufl.dx))
 
 
 def singular_error(group: CellGroup, fields: CellFields, matrix: FloatArray) -> FormulationError:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 
 from mpi4py import MPI
 from petsc4py import PETSc
@@ -56,12 +58,16 @@ class ElasticSums:
     @property
     def poisson(self) -> float:
         """Poisson's ratio of a solid."""
-        return (3.0 * self.bulk - 2.0 * self.shear) / (2.0 * (3.0 * self.bulk + self.shear))
+        return poissons_ratio(self.shear, self.bulk)
+
+
+def poissons_ratio(shear: float, bulk: float) -> float:
+    """Of an isotropic solid of these moduli, or of these times a volume."""
+    return (3.0 * bulk - 2.0 * shear) / (2.0 * (3.0 * bulk + shear))
 
 
 def elastic_sums(mesh: TaggedMesh, layout: DofLayout, stiffness: PETSc.Mat, mass: PETSc.Mat) -> ElasticSums:
     """Of the body with these matrices. Collective."""
-    x = layout.node_x[: layout.n_owned_nodes]
     own = layout.displacement_dofs[: layout.n_owned_nodes]
     u, force = stiffness.createVecRight(), stiffness.createVecLeft()
 
@@ -73,14 +79,24 @@ def elastic_sums(mesh: TaggedMesh, layout: DofLayout, stiffness: PETSc.Mat, mass
         matrix.mult(u, force)
         return float(u.dot(force))
 
-    axes = np.eye(3)
-    total = sum(energy(mass, np.tile(axis, (len(x), 1))) for axis in axes) / 3.0
-    shears = [energy(stiffness, x[:, [j]] * axes[i]) for i in range(3) for j in range(3) if i != j]
-    expansion = energy(stiffness, x)
+    total = sum(energy(mass, np.tile(axis, (layout.n_owned_nodes, 1))) for axis in np.eye(3)) / 3.0
+    shear, bulk = uniform_stiffness(layout, partial(energy, stiffness))
     u.destroy()
     force.destroy()
     occupied = float(mesh.comm.allreduce(float(cell_volumes(mesh).sum())))
-    return ElasticSums(total, occupied, sum(shears) / 6.0, expansion / 9.0)
+    return ElasticSums(total, occupied, shear, bulk)
+
+
+def uniform_stiffness(layout: DofLayout, work: Callable[[FloatArray], float]) -> tuple[float, float]:
+    """Shear and bulk modulus times the volume, N m, as of `ElasticSums`, by uniform strains.
+
+    Args:
+        layout: of the unknown.
+        work: u . f(u), N m, of displacements (owned nodes, 3) of a unit strain, over all ranks.
+    """
+    x, axes = layout.node_x[: layout.n_owned_nodes], np.eye(3)
+    shears = [work(x[:, [j]] * axes[i]) for i in range(3) for j in range(3) if i != j]
+    return sum(shears) / 6.0, work(x) / 9.0
 
 
 def cell_edges(mesh: TaggedMesh) -> FloatArray:

@@ -13,6 +13,8 @@ from numpy.typing import NDArray
 
 from flexmbd.continuum import parallel
 from flexmbd.continuum.finite_elements.cell_group import CellGroup
+from flexmbd.continuum.finite_elements.condensed_stiffness import CondensedStiffness
+from flexmbd.continuum.finite_elements.discrete_forms import DiscreteForms
 from flexmbd.continuum.finite_elements.discretisation import Discretisation
 from flexmbd.continuum.finite_elements.field_conditions import FieldConditions
 from flexmbd.continuum.finite_elements.nodes import dof_numbers, further_dofs, node_numbers
@@ -57,6 +59,14 @@ class ReductionModel(Discretisation, Protocol):
     @property
     def warm_groups(self) -> tuple[CellGroup, ...]:
         """The cell groups with their formulations at the temperature of the state."""
+
+    @property
+    def forms(self) -> DiscreteForms:
+        """The formulations on the mesh."""
+
+    @property
+    def condensed(self) -> CondensedStiffness | None:
+        """Matrices of the fields of one cell; None: there are none."""
 
     @property
     def form_name(self) -> str:

@@ -15,14 +15,10 @@ from numpy.typing import ArrayLike, NDArray
 from flexmbd.continuum import compat
 from flexmbd.continuum.finite_elements.cell_group import CellGroup
 from flexmbd.continuum.finite_elements.gathered_nodes import GatheredNodes, von_mises
+from flexmbd.continuum.finite_elements.held_expansion import held_expansion, thermal_stress
 from flexmbd.continuum.finite_elements.nodes import node_numbers
 from flexmbd.continuum.finite_elements.recovery import ReductionModel, nodal_modes, node_rows
-from flexmbd.continuum.finite_elements.temperature import (
-    refuse_without_expansion,
-    scalar_function,
-    set_at_nodes,
-    thermal_stress,
-)
+from flexmbd.continuum.finite_elements.temperature import refuse_without_expansion, scalar_function, set_at_nodes
 from flexmbd.errors import FormulationError, RecordError
 from flexmbd.record.reduced_body import Heat, ReducedBody
 from flexmbd.record.stress_field import StressField
@@ -207,10 +203,11 @@ class _HeldExpansion:
 
     def __init__(self, model: ReductionModel) -> None:
         self._model, self._rise = model, scalar_function(model.mesh, model.layout)
+        self._fields = fem.Function(model.unknown_space)
         points = compat.interpolation_points(model.layout.node_space)
         refuse_without_expansion(model.groups)
         self._sigma = [
-            (group.cells, fem.Expression(thermal_stress(group, model.space, self._rise), points))
+            (group.cells, fem.Expression(thermal_stress(group, self._fields, self._rise), points))
             for group in model.groups
         ]
 
@@ -218,6 +215,9 @@ class _HeldExpansion:
         """(len(places), 9) Pa, of a record's temperatures times factors (h,). Collective."""
         values = node_rows(self._model, node_numbers(self._model), known=heat.node, values=(factors @ heat.rise))
         set_at_nodes(self._model, self._rise, values)
+        fields = held_expansion(self._model).fields(self._rise)
+        if fields is not None:
+            self._fields.x.array[:] = fields
         sigma = np.empty((nodes.n_cells, nodes.per_cell, 9))
         for cells, expression in self._sigma:
             sigma[cells] = expression.eval(self._model.mesh.mesh, cells).reshape(-1, nodes.per_cell, 9)

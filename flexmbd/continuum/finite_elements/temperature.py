@@ -1,4 +1,4 @@
-"""Rises of temperature as functions on a body's mesh, and what they do to the body at rest, per kelvin.
+"""Rises of temperature as functions on a body's mesh, and bodies at one.
 
 A rise is a number (K), a function of points (n, 3) m that gives (n,) K, or the values (nodes,) K at the mesh's nodes in
 the order of its input.
@@ -20,7 +20,6 @@ from flexmbd.continuum import compat, parallel
 from flexmbd.continuum.contract.dof_layout import DofLayout
 from flexmbd.continuum.contract.formulation import IntegralTerm
 from flexmbd.continuum.contract.heated_form import expands, expansion_of, heated
-from flexmbd.continuum.finite_elements import assembly
 from flexmbd.continuum.finite_elements.cell_group import CellGroup
 from flexmbd.continuum.finite_elements.discretisation import Discretisation
 from flexmbd.continuum.grid.tagged_mesh import TaggedMesh
@@ -131,21 +130,6 @@ def refuse_without_expansion(groups: Sequence[CellGroup]) -> None:
         )
 
 
-def refuse_condensed(groups: Sequence[CellGroup]) -> None:
-    """Refuse fields of one cell that are condensed at rest, where a temperature would be left out of them.
-
-    Raises:
-        FormulationError: there are some; the same on every rank, not collective.
-    """
-    for group in groups:
-        if group.fields is not None:
-            names = group.fields.names(range(len(group.fields.cell_places)))
-            raise FormulationError(
-                f"the {names} of {group.form_name}, fields of one cell, are condensed without a temperature; make the "
-                "model by ContinuumModel(..., condense=False), which leaves them unknowns of the body"
-            )
-
-
 def refuse_nonlinear_expansion(groups: Sequence[CellGroup]) -> None:
     """Refuse an expansion that is not in proportion to the rise, of which no load of unit size can be made.
 
@@ -169,37 +153,9 @@ def refuse_nonlinear_expansion(groups: Sequence[CellGroup]) -> None:
                     )
 
 
-def thermal_work(
-    groups: Sequence[CellGroup], space: fem.FunctionSpace, rise: fem.Function
-) -> list[ufl.Form]:
-    """Virtual work of the forces that hold the body at rest in shape, per unit of a rise, term by term. Not collective.
-
-    The derivative of the internal forces by the temperature, along the rise, without displacement and temperature.
-    """
-    u, v = fem.Function(space), ufl.TestFunction(space)
-    temperature = fem.Function(rise.function_space)
-    work = assembly.internal_work(heated_groups(groups, temperature), u, v)
-    forms = [_slope(term, temperature, rise, {u: ufl.zero(u.ufl_shape)}) for term in work]
-    return [form for form in forms if not form.empty()]
-
-
-def thermal_stress(group: CellGroup, space: fem.FunctionSpace, rise: fem.Function) -> ufl.core.expr.Expr:
-    """Stress (3, 3) Pa of one group, without displacement, per unit of a rise; not collective."""
-    u, temperature = fem.Function(space), fem.Function(rise.function_space)
-    (warm,) = (replace(group, formulation=heated(group.formulation, temperature)),)
-    sigma = warm.formulation.stress(u, None, warm.symbols)
-    return _slope(sigma, temperature, rise, {u: ufl.zero(u.ufl_shape)})
-
-
 def heated_terms(group: CellGroup, u: fem.Function, temperature: fem.Function) -> list[IntegralTerm]:
     """The terms of one group's strain energy at a temperature; not collective."""
     return list(heated(group.formulation, temperature).strain_energy(u, group.symbols))
-
-
-def _slope(work: Any, temperature: fem.Function, rise: fem.Function, at: dict[Any, Any]) -> Any:
-    along = ufl.algorithms.expand_derivatives(ufl.derivative(work, temperature, rise))
-    cold = ufl.replace(along, {**at, temperature: ufl.zero()})
-    return ufl.algorithms.expand_derivatives(cold)
 
 
 def _domain(group: CellGroup) -> Any:

@@ -13,9 +13,10 @@ from numpy.typing import NDArray
 
 from flexmbd.continuum import parallel
 from flexmbd.continuum.finite_elements.condensed_stiffness import CondensedStiffness
+from flexmbd.continuum.finite_elements.held_expansion import HeldExpansion
 from flexmbd.continuum.finite_elements.nodes import node_numbers
 from flexmbd.continuum.finite_elements.surface_patch import SurfacePatch, surface_facets
-from flexmbd.continuum.finite_elements.temperature import rise_function, thermal_work
+from flexmbd.continuum.finite_elements.temperature import rise_function
 from flexmbd.continuum.history.loads import (
     BodyAcceleration,
     BodyLoad,
@@ -217,16 +218,10 @@ class AppliedLoads:
 
     def _held_expansion(self, rise: fem.Function) -> FloatArray:
         """(owned dofs,) N, that hold the body at rest in shape. Collective, may compile."""
-        body, whole = self._body, self._body.forms.whole
-        total = fem.Function(whole).x
-        for form in thermal_work(body.cold_groups, whole, rise):
-            fem.assemble_vector(total.array, fem.form(form))
-        total.scatter_reverse(la.InsertMode.add)
-        if body.fields is None:
-            return np.asarray(total.array[: body.n_owned].copy())
-        total.scatter_forward()
-        cold = CondensedStiffness(replace(body.forms, groups=body.cold_groups), body.fields)
-        return cold.shared_forces(total.array)
+        body = self._body
+        cold = replace(body.forms, groups=body.cold_groups)
+        condensed = None if body.fields is None else CondensedStiffness(cold, body.fields)
+        return HeldExpansion(cold, condensed=condensed).forces(rise)
 
     def _port(self, load: Voltage) -> int:
         """Its place among the body's ports."""

@@ -25,7 +25,6 @@ from numpy.typing import NDArray
 from flexmbd.continuum.finite_elements import assembly
 from flexmbd.continuum.finite_elements.cell_group import CellGroup
 from flexmbd.continuum.finite_elements.cell_matrices import add_to, chunks
-from flexmbd.continuum.finite_elements.condensed_stiffness import shared_pattern
 from flexmbd.continuum.history.point_history import History
 from flexmbd.multibody.kernels.base.compiling import entry_kernel
 
@@ -76,7 +75,7 @@ class MeanTangent:
         self._forms = [*assembly.derivatives(terms, u), *further]
         self._condensed = [(one.solved, one.group.cells) for one in histories if one.solved is not None]
         self._blocks = (
-            shared_pattern(self._space) if self._condensed
+            assembly.shared_pattern(self._space) if self._condensed
             else assembly.empty_matrix(self._forms, groups, self._space)
         )  # fmt: skip
         self._couplings = [_coupling(history, u, v) for history in histories if history.mean is not None]

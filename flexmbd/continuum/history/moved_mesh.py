@@ -15,19 +15,19 @@ FloatArray = NDArray[np.float64]
 
 
 class MovedMesh:
-    """The nodes of a mesh under the displacements of an isoparametric element."""
+    """The nodes of a mesh under displacements of an isoparametric element; of straight cells under those of any."""
 
     def __init__(self, space: fem.FunctionSpace) -> None:
         """Not collective.
 
         Args:
-            space: of the displacement, of the degree of the mesh's geometry.
+            space: of the displacement, of the degree of the mesh's geometry, or of any where that is straight.
         """
         self._geometry = space.mesh.geometry
         self._undeformed: FloatArray = self._geometry.x.copy()
         nodes = compat.cell_nodes(space.mesh)
         self._dofs = np.zeros((len(self._undeformed), 3), dtype=np.int32)
-        blocks = space.dofmap.list[: len(nodes)]
+        blocks = space.dofmap.list[: len(nodes), : nodes.shape[1]]  # corners come first
         self._dofs[nodes.ravel()] = 3 * blocks.reshape(-1, 1) + np.arange(3)
 
     @contextmanager

@@ -135,6 +135,11 @@ class TrialBody(DiscretisedBody):
         return any(is_rate_dependent(group.formulation) for group in self.groups)
 
     @property
+    def has_cell_means(self) -> bool:
+        """Whether the volume of every cell changes by its mean alone."""
+        return all(history.mean is not None for history in self._histories)
+
+    @property
     def has_dissipation(self) -> bool:
         """Whether a formulation has a dissipation."""
         return self.viscous_forces is not None

@@ -95,6 +95,11 @@ class NodalInertia:
         if body.ties is not None:
             self.weights[body.ties.own] = 0.0
 
+    @property
+    def is_held(self) -> NDArray[np.bool_]:
+        """(owned nodes, 3) the components that supports hold, or somebody else moves."""
+        return np.asarray(self._moves == 0.0)
+
     def passed_on(self, a: FloatArray, touched: FloatArray) -> FloatArray:
         """Accelerations (owned nodes, 3) m/s^2 with those by forces (owned nodes, 3) N of contacts. Collective."""
         return self._body.complete_nodes(a + self.held(self._body.condense_nodes(touched) / self.masses[:, None]))

@@ -23,6 +23,7 @@ from flexmbd.continuum import parallel
 from flexmbd.continuum.history.applied_loads import beside
 from flexmbd.continuum.history.body_memory import BodyMemory
 from flexmbd.continuum.history.loads import BodyLoad
+from flexmbd.continuum.history.locking_bodies import tell_locking_body
 from flexmbd.continuum.history.nonlinear_model import NonlinearModel
 from flexmbd.continuum.interior.bonded_turns import BondedTurns, refuse_turning_unknowns
 from flexmbd.continuum.interior.bulk_viscosity import BulkForces, BulkViscosity
@@ -110,6 +111,7 @@ class NodalMotion:
             body, supports=supports, damping=float(damping), bonded=bonded, thickness=thickness
         )
         bulk = None if bulk_viscosity is None else BulkForces(body, bulk_viscosity)
+        tell_locking_body(body, inertia.is_held)
         self.mesh = CarriedMesh(body, inertia.masses, bulk=bulk, turns=turns)
         self.loads = loads_on_moving_nodes(body, loads, mass=inertia.lumped)
         if thickness is not None:

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from flexmbd.continuum.history.displacement_newton import Convergence, Newton, Solution
 from flexmbd.continuum.history.fresh_body import as_fresh
+from flexmbd.continuum.history.locking_bodies import tell_locking_body
 from flexmbd.continuum.history.nonlinear_model import NonlinearModel
 from flexmbd.continuum.history.tangent_solver import LinearSolver
 from flexmbd.continuum.interior.bonded_nodes import BondedNodes
@@ -64,6 +65,7 @@ class NodalSolution:
             InterfaceError: on all ranks: as `BondedNodes`.
             FormulationError: on all ranks: as `turn_inertia`.
         """
+        tell_locking_body(body)
         self.body, self._M = body, body.mass()
         # in so short a time (s) nothing flows; in none a form whose viscosity is zero would divide 0 by 0
         with as_fresh(body):

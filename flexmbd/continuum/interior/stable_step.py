@@ -5,15 +5,20 @@ derivatives along Lanczos' vectors are taken by differences.  Later the stiffnes
 cells.  That change is seen on the operator of grad u : grad v, which knows of nothing but shapes: the step goes with
 the inverse root of its largest eigenvalue.  Between two such estimates it goes with the least size of a cell, the
 inverse norm of the inverse Jacobian.  Viscous forces, which act by the rates of the step before, shorten it: with the
-largest eigenvalues k of stiffness and c of damping, by mass, it is bounded by h^2 k + 2 h c = 4.  Springs on facets
-are in the estimate at rest, beyond which no change of shape then lengthens it.  Bulk viscosity counts among
-them, its quadratic part by the fastest compression of the last step.  Plastic flow only softens a body, and is left out
-on purpose.
+largest eigenvalues k of stiffness and c of damping, by mass, it is bounded by h^2 k + 2 h c = 4.  Bulk viscosity counts
+among them, its quadratic part by the fastest compression of the last step.  No change of shape lengthens the step
+beyond the estimate at rest where springs on facets are in it.  Plastic flow only softens a body, and is left out on
+purpose.
+
+Formulations of the initial configuration have their estimate anew where the least stretch in a cell has changed, by
+the law itself where it has no history.  None lengthens the step beyond that at rest: what is stretched need not be
+softer.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import AbstractContextManager, nullcontext
 
 from petsc4py import PETSc
 
@@ -23,8 +28,10 @@ import ufl
 from dolfinx import fem, la
 from numpy.typing import NDArray
 
+from flexmbd.continuum import compat
 from flexmbd.continuum.history.body_memory import BodyMemory
 from flexmbd.continuum.history.fresh_body import as_fresh
+from flexmbd.continuum.history.moved_mesh import MovedMesh
 from flexmbd.continuum.history.nonlinear_model import NonlinearModel
 from flexmbd.continuum.history.plane_bodies import inverse_jacobian
 from flexmbd.continuum.interior.bulk_viscosity import BulkForces
@@ -80,16 +87,28 @@ class StableStep:
         domain = body.mesh.mesh
         points, _ = basix.make_quadrature(basix.CellType[domain.topology.cell_name()], 2 * body.degree)
         inverse = inverse_jacobian(domain)
-        self._inverse = fem.Expression(ufl.inner(inverse, inverse), points)
+        self._sizes = self._stretches = fem.Expression(ufl.inner(inverse, inverse), points)
+        if not body.is_updated:
+            # not of sizes: a wall whose edges through it are heavier has its step by those along it
+            back = ufl.inv(ufl.Identity(3) + ufl.grad(moved))
+            self._stretches = fem.Expression(ufl.inner(back, back), points)
         self._cells = np.arange(domain.topology.index_map(body.mesh.dim).size_local, dtype=np.int32)
         self._bulk = bulk
+        self._held: FloatArray | float = 0.0  # N, in the shape about which differences are taken
+        # stress by the displacement alone: what changes with it is asked of the law
+        history = any(group.optional.state is not None for group in body.groups)
+        self._is_elastic = not (body.is_updated or history or body.fields is not None or fields is not None)
+        self._shape: MovedMesh | None = None
+        # cells of beams and plates keep their shape; straight ones under curved displacements have their corners'
+        if not body.turns and compat.geometry_degree(domain) in (1, body.degree):
+            self._shape = MovedMesh(body.layout.node_space)
         with as_fresh(body):
             self._find_at_rest()
 
     def _find_at_rest(self) -> None:
         """The estimate of the undeformed body. Collective."""
         body, bulk, fields = self._body, self._bulk, self._fields
-        self._first, self._size = self._of_shapes(), self._smallest()
+        self._first, self._length, self._size = self._of_shapes(), self._least(self._sizes), self._smallest()
         self._damping = self._damping_rate()
         self._bulk_rate = 0.0 if bulk is None else self._largest_rate(bulk.unit_matrix())
         if body.springs is not None and not body.springs.are_linear:
@@ -97,11 +116,18 @@ class StableStep:
                 f"springs on facets of {body.form_name} are not linear in the displacement, and explicit steps have no "
                 "stable length; load the body slowly (follow), or give them an energy that is quadratic"
             )
-        squared = self._largest(self._by_differences)
-        body.revert()
+        self._elastic = self._found = self._by_law(at_rest=True)
         if fields is not None:
             fields.forget()
-        self._elastic = self._found = 2.0 / float(np.sqrt(squared))
+
+    def _by_law(self, *, at_rest: bool = False) -> float:
+        """Step, s, by the internal forces about the last accepted displacement. Collective."""
+        body = self._body
+        if not at_rest:
+            self._held = body.force(np.zeros(body.layout.n_local), dt=0.0)
+        squared = self._largest(self._by_differences)
+        body.revert()
+        return 2.0 / float(np.sqrt(squared))
 
     @property
     def at_rest(self) -> float:
@@ -110,15 +136,20 @@ class StableStep:
 
     def present(self) -> float:
         """Stable step, s, of the body as it is. Collective."""
-        if not self._body.is_updated:
+        if self._shape is None:
             return self.at_rest
         size = self._smallest()
-        if abs(size / self._size - 1.0) > _CHANGE:
+        if abs(size / self._size - 1.0) > (_CHANGE if self._body.is_updated else _CHANGE / 2):
             self._size = size
-            self._found = self._elastic * float(np.sqrt(self._first / self._of_shapes()))
-            if self._body.springs is not None:
+            if self._is_elastic:
+                self._found = self._by_law()
+            else:
+                self._found = self._elastic * float(np.sqrt(self._first / self._of_shapes()))
+            if self._body.springs is not None or not self._body.is_updated:
                 self._found = min(self._found, self._elastic)
-        return self._with_viscosity(self._found * min(1.0, size / self._size))
+        # laws of small strains do not know of their cells' shape: small changes of that are left to be found anew
+        between = min(1.0, size / self._size) if self._body.is_updated else 1.0
+        return self._with_viscosity(self._found * between)
 
     @property
     def memory(self) -> tuple[float, float]:
@@ -174,14 +205,27 @@ class StableStep:
         matrix.destroy()
         return float(found)
 
+    def _present_shape(self) -> AbstractContextManager[None]:
+        """The mesh under the body's displacement, within a `with` block."""
+        if self._shape is None:
+            return nullcontext()
+        return self._shape.at(self._body.displacement[self._body.layout.displacement_dofs].reshape(-1))
+
     def _smallest(self) -> float:
-        """Size of the smallest cell, in some unit. Collective."""
-        with self._body.present_mesh():
-            most = float(self._inverse.eval(self._body.mesh.mesh, self._cells).max(initial=0.0))
+        """Size of the smallest cell, in some unit; of formulations of the initial configuration the least stretch."""
+        body = self._body
+        if not body.is_updated:
+            self._moved.array[:] = body.displacement[body.layout.displacement_dofs].reshape(-1)
+        with body.present_mesh():
+            return self._least(self._stretches)
+
+    def _least(self, squared_inverse: fem.Expression) -> float:
+        """The inverse root of its largest value on any cell. Collective."""
+        most = float(squared_inverse.eval(self._body.mesh.mesh, self._cells).max(initial=0.0))
         return max(self._body.comm.allgather(most)) ** -0.5
 
     def _of_shapes(self) -> float:
-        with self._body.present_mesh():
+        with self._present_shape():
             return self._largest(self._by_shapes)
 
     def _largest(self, apply: Callable[[FloatArray], FloatArray]) -> float:
@@ -213,11 +257,11 @@ class StableStep:
         u = self._u.x
         u.array[:owned] = self._at_dofs(w)
         u.scatter_forward()
-        size = _SMALL * self._size / max(body.comm.allgather(float(abs(u.array).max(initial=0.0))))
+        size = _SMALL * self._length / max(body.comm.allgather(float(abs(u.array).max(initial=0.0))))
         u.array[:] *= size
         if self._fields is None:
             # exact fields of one cell would be asked for digits that differences so small do not have
-            return np.asarray(body.force(u.array, dt=0.0, explicit=True) / size)
+            return np.asarray((body.force(u.array, dt=0.0, explicit=True) - self._held) / size)
         try:
             force = self._fields.balanced(u.array, dt=0.0)[1]
         except ConvergenceError as reason:

@@ -9,6 +9,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
+import ufl
 from ufl.core.expr import Expr
 
 from flexmbd.continuum.contract.entries import OptionalEntries, optional_entries
@@ -32,7 +33,7 @@ def wall_form(
     """Make a solid-shell of a solid's formulation, with its law. Not collective: called on each rank.
 
     The formulation is one like a form file, for hexahedra of degree 1 in layers (`meshes.wall`), with the parameters of
-    the solid; its mean over cells is not taken, and it names no expansion.
+    the solid; its mean over cells is not taken.  It expands as the law says.
 
     Args:
         formulation: of a solid whose unknown is the displacement: a module, the name of one in `flexmbd.forms`, or a
@@ -75,6 +76,8 @@ def wall_form(
             entries[entry] = _like(vars(form)[entry], getattr(wall, entry))
     if optional.strain_energy is not None:
         entries["strain_energy"] = wall.strain_energy
+    if optional.thermal_stretch is not None or optional.thermal_strain is not None:
+        entries["thermal_stretch"] = _stretch(optional)
     if optional.state is not None:
         entries["state"] = wall.state
     if optional.state_names is not None:
@@ -85,6 +88,18 @@ def wall_form(
 
 def _young(p: Any) -> Expr:
     return p.E
+
+
+def _stretch(optional: OptionalEntries) -> Callable[..., Expr]:
+    """A law's stretch of free expansion; of one of small strain 1 + that, as the wall turns by any angle."""
+    if optional.thermal_stretch is not None:
+        return optional.thermal_stretch
+    small: Callable[..., Expr] = optional.thermal_strain  # type: ignore[assignment]
+
+    def stretch(p: Any, dT: Expr) -> Expr:  # noqa: N803
+        return ufl.Identity(3) + small(p, dT)
+
+    return stretch
 
 
 def _check(form: Any, optional: OptionalEntries, name: str) -> None:

@@ -45,6 +45,37 @@ def fill_empty_rows(matrix: PETSc.Mat, mask: NDArray[np.bool_]) -> None:
     matrix.assemble()
 
 
+def answer_alone(matrix: PETSc.Mat, mask: NDArray[np.bool_], forces: NDArray[np.float64]) -> NDArray[np.float64] | None:
+    """The unknowns z of a mask by forces on them where the others stay zero: A_zz^-1 f_z. Collective.
+
+    Args:
+        matrix: A, AIJ.
+        mask: (owned rows,).
+        forces: (owned rows,), of which those of the mask are read.
+
+    Returns:
+        (owned rows,), zero outside the mask; None where A_zz has rows that are zero, as a multiplier's.
+    """
+    block = principal_part(matrix, mask)
+    solver = PETSc.KSP().create(matrix.comm)
+    right, found = block.createVecs()
+    try:
+        if matrix.comm.tompi4py().allreduce(int((~_filled(block)).sum())):
+            return None
+        right.setArray(forces[mask])
+        solver.setOperators(block)
+        solver.setType(PETSc.KSP.Type.PREONLY)
+        solver.getPC().setType(PETSc.PC.Type.LU)
+        solver.getPC().setFactorSolverType(PETSc.Mat.SolverType.MUMPS)
+        solver.solve(right, found)
+        answer = np.zeros(len(mask))
+        answer[mask] = found.array_r
+        return answer
+    finally:
+        for one in (block, solver, right, found):
+            one.destroy()
+
+
 def negative_directions(matrix: PETSc.Mat, mask: NDArray[np.bool_]) -> int:
     """Negative eigenvalues that a symmetric matrix owes to the unknowns z of a mask (owned rows,). Collective.
 

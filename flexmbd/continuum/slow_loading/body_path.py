@@ -22,6 +22,7 @@ from flexmbd.continuum import parallel
 from flexmbd.continuum.history.applied_loads import AppliedLoads
 from flexmbd.continuum.history.displacement_newton import DEFAULT_CONVERGENCE, Convergence, Newton
 from flexmbd.continuum.history.loads import BodyLoad
+from flexmbd.continuum.history.locking_bodies import tell_locking_body
 from flexmbd.continuum.history.nonlinear_model import HistorySnapshot, NonlinearModel
 from flexmbd.continuum.history.tangent_solver import LinearSolver
 from flexmbd.continuum.matrices.blocks import inner
@@ -148,6 +149,7 @@ def equilibrium_path(
     _refuse_rates(body)
     whole = SlowLoads(body, prescribed, displacement, load, AppliedLoads(body, loads))
     _refuse_unheld(body, prescribed)
+    tell_locking_body(body, whole.is_held)
     begin = reached if about is None else about.t
     bounds, sign = bounds_of(path, begin=begin), path.side * float(np.sign(path.to - begin))
     found = _GrowingPath(body, BodyPathSpace(whole, bounds.width, convergence))

@@ -54,6 +54,13 @@ class SlowLoads:
             held[self.prescribed] = True
             ties.refuse_held(held.reshape(-1, 3), by="prescribed dofs", kind=FormulationError)
 
+    @property
+    def is_held(self) -> NDArray[np.bool_]:
+        """(owned nodes, 3) the components whose displacement is given."""
+        held = np.zeros(self.body.n_owned, dtype=bool)
+        held[self.prescribed] = True
+        return np.asarray(held[self.body.layout.displacement_dofs[: self.body.layout.n_owned_nodes]])
+
     def given(self, t: float) -> FloatArray:
         """(prescribed dofs,) m, from the undeformed body. Collective."""
         n = len(self.prescribed)

@@ -22,6 +22,7 @@ from flexmbd.continuum.history.displacement_newton import (
     Solution,
 )
 from flexmbd.continuum.history.loads import BodyLoad
+from flexmbd.continuum.history.locking_bodies import tell_locking_body
 from flexmbd.continuum.history.nonlinear_model import NonlinearModel
 from flexmbd.continuum.history.tangent_solver import DEFAULT_SOLVER, LinearSolver
 from flexmbd.continuum.history.trial_errors import LargeIncrementError
@@ -147,6 +148,7 @@ def follow(
     """
     pace = _pace(body, seconds)
     whole = SlowLoads(body, prescribed, displacement, load, AppliedLoads(body, loads))
+    tell_locking_body(body, whole.is_held)
     newton = Newton(body, prescribed, solver=solver, convergence=convergence, predicts=True, still=True)
     path = StaticPath()
     if not all(np.diff([reached, *times]) > 0.0):

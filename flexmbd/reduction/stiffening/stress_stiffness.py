@@ -23,7 +23,6 @@ over chunks of cells that stay in the cache. Any other density is assembled, one
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 from petsc4py import PETSc
@@ -42,6 +41,7 @@ from flexmbd.continuum.contract.formulation import IntegralTerm
 from flexmbd.continuum.contract.substituted_field import SubstitutedField
 from flexmbd.continuum.finite_elements.assembly import assemble, integral
 from flexmbd.continuum.finite_elements.cell_group import CellGroup
+from flexmbd.continuum.finite_elements.condensed_stiffness import GroupForms
 from flexmbd.reduction.stiffening.point_gradients import (
     RulePoints,
     by_node,
@@ -77,11 +77,15 @@ def stress_stiffness(model: LinearModel, fields: FloatArray, modes: FloatArray) 
         known of the second-order strain: all third derivatives of the energy vanish identically, or a beam or shell
         does not mark its strains.
     """
+    if fields.size == 0 or modes.size == 0:
+        return np.zeros((fields.shape[1], modes.shape[1], modes.shape[1]))
+    return of_whole_fields(model, model.unknown_columns(fields), model.unknown_columns(modes))
+
+
+def of_whole_fields(model: LinearModel, fields: FloatArray, modes: FloatArray) -> FloatArray | None:
+    """As `stress_stiffness`, of fields and modes of the formulations' own unknown, (local dofs of that, l or n)."""
     u = fem.Function(model.unknown_space)
     total = np.zeros((fields.shape[1], modes.shape[1], modes.shape[1]))
-    if total.size == 0:
-        return total
-    fields, modes = model.unknown_columns(fields), model.unknown_columns(modes)
     known = False
     for group in model.groups:
         for term in group.formulation.strain_energy(u, group.symbols):
@@ -112,9 +116,13 @@ def stress_stiffness_matrix(model: LinearModel, field: FloatArray) -> PETSc.Mat 
     Returns:
         A new symmetric AIJ matrix with the layout of `K`, N/m, which the caller destroys; None as `stress_stiffness`.
     """
+    return matrix_of_whole_field(model, model.unknown_columns(field[:, None])[:, 0])
+
+
+def matrix_of_whole_field(model: LinearModel, whole: FloatArray) -> PETSc.Mat | None:
+    """As `stress_stiffness_matrix`, of a field of the formulations' own unknown, (local dofs of that,). Collective."""
     u = fem.Function(model.unknown_space)
     forms: dict[int, list[ufl.Form]] = {}
-    whole = model.unknown_columns(field[:, None])[:, 0]
     for k, group in enumerate(model.groups):
         for term in group.formulation.strain_energy(u, group.symbols):
             if is_quadratic(term, u) or (group.has_sections and not marked_strains(term)):
@@ -122,16 +130,21 @@ def stress_stiffness_matrix(model: LinearModel, field: FloatArray) -> PETSc.Mat 
             form, at = _directional(term, group, u)
             at.x.array[:] = whole
             forms.setdefault(k, []).append(form)
+    return symmetric_sum(model, forms)
+
+
+def symmetric_sum(model: LinearModel, forms: GroupForms) -> PETSc.Mat | None:
+    """The symmetric part of a sum of bilinear forms of the formulations' own unknown, as a new AIJ matrix. Collective.
+
+    None where there are none.
+    """
     if not forms:
         return None
+    name = "geometric stiffness"
     if model.condensed is not None:
-        return model.tied(_symmetric_part(model.condensed.matrix(forms, name="geometric stiffness")))
-    return symmetric_sum(model, [fem.form(form) for some in forms.values() for form in some])
-
-
-def symmetric_sum(model: LinearModel, forms: Sequence[fem.Form]) -> PETSc.Mat:
-    """The symmetric part of a sum of bilinear forms, as a new AIJ matrix. Collective."""
-    return model.tied(_symmetric_part(assemble({"geometric stiffness": forms}, model.groups, model.space)[0]))
+        return model.tied(_symmetric_part(model.condensed.matrix(forms, name=name)))
+    compiled = [fem.form(form) for some in forms.values() for form in some]
+    return model.tied(_symmetric_part(assemble({name: compiled}, model.groups, model.space)[0]))
 
 
 def _symmetric_part(half: PETSc.Mat) -> PETSc.Mat:

@@ -6,7 +6,7 @@ a is `stress_stiffness`, and this is the other part, the integral of minus C : e
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from petsc4py import PETSc
@@ -19,11 +19,14 @@ from ufl.corealg.map_dag import map_expr_dag
 
 from flexmbd.continuum.contract.substituted_field import SubstitutedField
 from flexmbd.continuum.finite_elements.assembly import integral
+from flexmbd.continuum.finite_elements.held_expansion import held_expansion
 from flexmbd.continuum.finite_elements.temperature import heated_terms
 from flexmbd.reduction.stiffening.stress_stiffness import (
     assembled_on_modes,
     is_quadratic,
     marked_strains,
+    matrix_of_whole_field,
+    of_whole_fields,
     second_order_gradient,
     symmetric_sum,
     without_variables,
@@ -50,22 +53,34 @@ def thermal_stiffness(model: LinearModel, rises: Sequence[fem.Function], modes: 
     if total.size == 0:
         return total
     values = np.stack([rise.x.array for rise in rises], axis=1)
-    at = fem.Function(rises[0].function_space)
-    for form in _forms(model, at):
-        total += assembled_on_modes(form, at, fields=values, modes=modes)
-    everywhere = model.comm.reduce(total, root=0)
-    return np.ascontiguousarray(model.comm.bcast(everywhere, root=0))
+    at, whole = fem.Function(rises[0].function_space), model.unknown_columns(modes)
+    for forms in _forms(model, at).values():
+        for form in forms:
+            total += assembled_on_modes(fem.form(form), at, fields=values, modes=whole)
+    everywhere = model.comm.bcast(model.comm.reduce(total, root=0), root=0)
+    fields = [found for found in map(held_expansion(model).fields, rises) if found is not None]
+    more = of_whole_fields(model, np.stack(fields, axis=1), whole) if fields else None
+    return np.ascontiguousarray(everywhere if more is None else everywhere + more)
 
 
 def thermal_stiffness_matrix(model: LinearModel, rise: fem.Function) -> PETSc.Mat | None:
     """The same of one rise over all dofs, as a new AIJ matrix; None where it is zero. Collective."""
-    forms = list(_forms(model, rise))
-    return symmetric_sum(model, forms) if forms else None
+    found = [symmetric_sum(model, _forms(model, rise))]
+    fields = held_expansion(model).fields(rise)
+    if fields is not None:
+        found.append(matrix_of_whole_field(model, fields))
+    matrices = [one for one in found if one is not None]
+    for other in matrices[1:]:
+        matrices[0].axpy(1.0, other, structure=PETSc.Mat.Structure.SAME_NONZERO_PATTERN)
+        other.destroy()
+    return matrices[0] if matrices else None
 
 
-def _forms(model: LinearModel, rise: fem.Function) -> Iterator[fem.Form]:
-    u, temperature = fem.Function(model.space), fem.Function(rise.function_space)
-    for group in model.groups:
+def _forms(model: LinearModel, rise: fem.Function) -> dict[int, list[ufl.Form]]:
+    """Bilinear forms of the formulations' own unknown by the place of their cell group, without fields of one cell."""
+    u, temperature = fem.Function(model.unknown_space), fem.Function(rise.function_space)
+    found: dict[int, list[ufl.Form]] = {}
+    for k, group in enumerate(model.groups):
         cold = group.formulation.strain_energy(u, group.symbols)
         for term, (density, rule) in zip(cold, heated_terms(group, u, temperature), strict=True):
             if is_quadratic(term, u) or (group.has_sections and not marked_strains(term)):
@@ -77,7 +92,8 @@ def _forms(model: LinearModel, rise: fem.Function) -> Iterator[fem.Form]:
                 integrand = _by_gradient(density, u, temperature, rise)
             form = integral((integrand, rule), group, u.function_space.mesh)
             if not ufl.algorithms.expand_derivatives(form).empty():
-                yield fem.form(form)
+                found.setdefault(k, []).append(form)
+    return found
 
 
 def _by_gradient(
