@@ -33,7 +33,6 @@ PZT = dataclasses.replace(solid_piezo.reference().parameters, alpha11=4e-6, alph
 FORMS = [
     (solid_enhanced, solid_enhanced.Parameters(**STEEL)),
     (solid_shell, solid_shell.Parameters(**STEEL)),
-    (wall_form("neo_hookean", layers=2), forms.neo_hookean.Parameters(**STEEL)),
     (wall_form("j2_plasticity", layers=2), forms.j2_plasticity.Parameters(**STEEL, yield_stress=YIELD)),
     (solid_shell_plasticity, PLASTIC),
 ]
