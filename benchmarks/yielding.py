@@ -247,10 +247,10 @@ def tube(quick: bool, rounds: int) -> list[Row]:
         except FlexmbdError as error:
             print(f"tube by {series}, {level}: {error}\n", flush=True)
             continue
-        crushes = [f"{1e3 * crush:.0f} mm" for crush in motion.CRUSHES]
-        up_to = ", ".join(f"{found[f'force {crush}'] / 1e3:.1f} up to {crush}" for crush in crushes)
+        forces = {name: value for name, value in found.items() if name.startswith("force ")}
+        up_to = "".join(f", {value / 1e3:.1f} up to {name[len('force '):]}" for name, value in forces.items())
         told = (
-            f"{found['steps']:.0f} steps, {1e3 * found['crush']:.2f} mm, {found['force'] / 1e3:.2f} kN ({up_to}), "
+            f"{found['steps']:.0f} steps, {1e3 * found['crush']:.2f} mm, {found['force'] / 1e3:.2f} kN{up_to}, "
             f"{found['plastic']:.0f} J of flow, {found['elastic']:.0f} J elastic, "
             f"{1e3 * found['sideways']:.1f} mm sideways at {1e3 * found['fold']:.1f} mm"
         )
