@@ -180,6 +180,8 @@ def _free_facets(body: DiscretisedBody, held: NDArray[np.bool_]) -> NDArray[np.i
     everywhere = la.vector(space.dofmap.index_map, 3)
     everywhere.array[: held.size] = held.reshape(-1)
     everywhere.scatter_forward()
+    if not len(facets):  # DOLFINx divides by their number
+        return facets
     corners = entities_to_geometry(mesh, 2, facets)
     edges = mesh.geometry.x[corners[:, 1:3]] - mesh.geometry.x[corners[:, :1]]
     normals = np.cross(edges[:, 0], edges[:, 1])
